@@ -14,6 +14,7 @@
 #include "apps/job_options.h"
 #include "apps/options.h"
 #include "base/hash.h"
+#include "base/input_paths.h"
 #include "base/progress.h"
 #include "estimation/common_noise.h"
 #include "jobs/fingerprint.h"
@@ -60,9 +61,8 @@ struct EstimateFlags {
   void RefuseOutBelow(const path& folder) const {
     std::error_code ignored;
     if (out.empty() || !std::filesystem::is_directory(folder, ignored)) return;
-    const path below = std::filesystem::weakly_canonical(out).lexically_relative(
-        std::filesystem::canonical(folder));
-    if (below.empty() || *below.begin() == "..") return;
+    const path whole = std::filesystem::weakly_canonical(out);
+    if (!Below(whole, std::filesystem::canonical(folder))) return;
     throw OptionError("--out", out.string(),
                       fmt::format("lies in the folder of the problems, {}", folder.string()));
   }

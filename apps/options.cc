@@ -5,6 +5,7 @@
 #include <cstdio>
 
 #include "apps/program.h"
+#include "base/input_paths.h"
 #include "estimation/fields.h"
 #include "lifting/fields.h"
 #include <fmt/format.h>
@@ -121,9 +122,10 @@ std::filesystem::path QueryImagesOf(const std::filesystem::path& query_images,
   if (!query_images.empty()) return query_images;
   std::error_code ignored;
   if (!std::filesystem::is_directory(queries, ignored)) return images;
-  const auto below = std::filesystem::weakly_canonical(queries).lexically_relative(
-      std::filesystem::weakly_canonical(images));
-  return images.empty() || below.string().starts_with("..") ? queries : images;
+  const bool is_below =
+      Below(std::filesystem::weakly_canonical(queries), std::filesystem::weakly_canonical(images))
+          .has_value();
+  return is_below ? images : queries;
 }
 
 void AddSubsamplingOptions(const OptionGroup& group, Subsampling& subsampling,

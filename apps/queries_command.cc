@@ -13,6 +13,7 @@
 #include "apps/commands.h"
 #include "apps/interrupt.h"
 #include "apps/options.h"
+#include "base/input_paths.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -65,11 +66,11 @@ std::vector<Query> QueriesOf(const QueriesFlags& flags, const path& root) {
       queries.insert(queries.end(), below.begin(), below.end());
       continue;
     }
-    const std::string name = whole.lexically_relative(root).string();
-    if (name == ".." || name.starts_with("../")) {
+    const auto name = Below(whole, root);
+    if (!name) {
       throw InputError(photograph, fmt::format("expected a photograph in {}", root.string()));
     }
-    queries.push_back(QueryOfUnknownCamera(name, root));
+    queries.push_back(QueryOfUnknownCamera(name->string(), root));
   }
   std::ranges::sort(queries, {}, &Query::name);
   const auto twice = std::ranges::adjacent_find(queries, {}, &Query::name);

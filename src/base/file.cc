@@ -162,6 +162,13 @@ bool FilesMayBeAnywhere() {
   return value != nullptr && std::string_view(value) == "1";
 }
 
+std::optional<std::filesystem::path> Below(const std::filesystem::path& file,
+                                           const std::filesystem::path& folder) {
+  std::filesystem::path below = file.lexically_relative(folder);
+  if (below.empty() || *below.begin() == "..") return std::nullopt;
+  return below;
+}
+
 bool MayBeRead(const std::string& named) {
   const std::filesystem::path file = std::filesystem::path(named).lexically_normal();
   return FilesMayBeAnywhere() || (file.is_relative() && !file.empty() && *file.begin() != ".." &&

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -15,6 +16,11 @@ void RequireRegularFile(const std::filesystem::path& path);
 // Returns all regular files below a folder, sorted. Links to folders are followed, but for those
 // that lead back. Throws InputError where a folder cannot be read.
 std::vector<std::filesystem::path> ListFilesBelow(const std::filesystem::path& folder);
+
+// Returns a file's path from a folder that it lies in or below, or is; nullopt where it does not.
+// Goes by what both paths say, links or not.
+std::optional<std::filesystem::path> Below(const std::filesystem::path& file,
+                                           const std::filesystem::path& folder);
 
 // Names and extensions are compared in lower case (ASCII).
 std::string Lower(std::string_view text);

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "base/hash.h"
+#include "base/input_paths.h"
 #include "jobs/manifest_file.h"
 #include <fmt/format.h>
 
@@ -20,8 +21,7 @@ bool IsOfOneRun(const path& file) { return file.filename() == "options.json"; }
 
 // Links may stand for folders on the way from one that is beside the other.
 path Relative(const path& file, const path& folder) {
-  const path below = file.lexically_relative(folder);
-  if (!below.empty() && *below.begin() != "..") return below;
+  if (const auto below = Below(file, folder)) return *below;
   std::error_code ignored;
   return weakly_canonical(file, ignored).lexically_relative(weakly_canonical(folder, ignored));
 }

@@ -25,11 +25,6 @@ std::string SizeText(const path& file) {
   return error ? "missing" : std::to_string(size);
 }
 
-bool IsBelow(const path& file, const path& folder) {
-  return std::mismatch(folder.begin(), folder.end(), file.begin(), file.end()).first ==
-         folder.end();
-}
-
 path Absolute(const path& folder) {
   std::error_code error;
   const path absolute = std::filesystem::weakly_canonical(folder, error);
@@ -68,7 +63,7 @@ std::string FolderFingerprint(const path& folder, const path& except) {
   std::error_code ignored;
   if (!std::filesystem::is_directory(from, ignored)) return FileFingerprint(from);
   for (const path& file : ListFilesBelow(from)) {
-    if (!IsBelow(file, not_from)) names.push_back(file.lexically_relative(from).string());
+    if (!Below(file, not_from)) names.push_back(file.lexically_relative(from).string());
   }
   std::sort(names.begin(), names.end());
   return SizesFingerprint(from, names);

@@ -134,6 +134,15 @@ TEST(LocalizeRetrieval, TakesTheReferencesThatItIsTold) {
                         RunRaylift(command + Arguments{"--retrieval", "pose"})));
 }
 
+TEST(PairsOfPictures, OfAFolderThatIsCalledAlmostAsTheParent) {
+  const RoomScene scene = WriteRoomScene(TestFolder(), {.matches = false, .pictures = true});
+  const fs::path odd = scene.images() / "..odd", out = scene.folder / "made_pairs.txt";
+  fs::rename(scene.images() / "query", odd);
+  EXPECT_TRUE(Succeeds(RunRaylift({"pairs", "--model", scene.model(), "--images", scene.images(),
+                                   "--queries", odd, "--out", out})));
+  EXPECT_TRUE(ReadPairs(out).contains("..odd/a.png"));
+}
+
 TEST(LocalizeRetrieval, HasNoUseBesidePairs) {
   const RoomScene scene = WriteRoomScene(TestFolder());
   EXPECT_TRUE(FailsWith(2, {"--pairs = ", "names the references"},

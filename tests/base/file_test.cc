@@ -165,6 +165,14 @@ TEST(ReadFile, TakesPipesOfShells) {
   close(ends[0]);
 }
 
+TEST(Below, KnowsTheParentFromNamesThatBeginLikeIt) {
+  EXPECT_EQ(Below("/a/..odd/b.jpg", "/a"), "..odd/b.jpg");
+  EXPECT_EQ(Below("/a/..odd/b.jpg", "/a/..odd"), "b.jpg");
+  EXPECT_EQ(Below("/a", "/a/"), ".");
+  EXPECT_FALSE(Below("/a/b.jpg", "/a/..odd"));
+  EXPECT_FALSE(Below("/a/b.jpg", ""));
+}
+
 TEST(ListFilesBelow, FollowsLinksThatDoNotLeadBack) {
   const fs::path elsewhere = TestFolder() / "elsewhere";
   const fs::path folder = elsewhere.parent_path() / "folder";

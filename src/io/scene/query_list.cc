@@ -122,11 +122,12 @@ std::vector<Query> QueriesBelow(const std::filesystem::path& folder,
   std::vector<std::string> names;
   for (const std::filesystem::path& file : ListFilesBelow(std::filesystem::canonical(folder))) {
     if (!HasPictureExtension(file)) continue;
-    names.push_back(file.lexically_relative(root).string());
-    if (names.back().starts_with("../")) {
+    const auto below = Below(file, root);
+    if (!below) {
       throw InputError(
           folder, fmt::format("expected a folder in {}, that of the photographs", images.string()));
     }
+    names.push_back(below->string());
   }
   if (names.empty()) throw InputError(folder, "holds no photograph");
   std::sort(names.begin(), names.end());
