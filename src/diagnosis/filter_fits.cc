@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <utility>
+#include <vector>
 
 #include "base/statistics.h"
 #include "diagnosis/cause_fits.h"
@@ -73,58 +75,60 @@ class FilterFitter {
   }
 
   std::optional<CauseFit> Median() const {
-    std::optional<CauseFit> best;
-    double least = std::numeric_limits<double>::infinity();
+    std::vector<CauseFit> fits;
     for (const int reach : {1, 2, 3, 4, 5}) {
-      KeepBetter({DepthFault::kMedian,
-                  {(2 * reach + 1) * views_.front().image_px},
-                  0,
-                  [this, reach](const CauseSample& s) {
-                    std::vector<double> depths;
-                    ForSquare(views_[s.view].truth, s, reach,
-                              [&](double z, int, int) { depths.push_back(z); });
-                    return LogRatio(s.estimated, MidpointMedianInPlace(std::span(depths)));
-                  }},
-                 least, best);
+      fits.push_back({DepthFault::kMedian,
+                      {(2 * reach + 1) * views_.front().image_px},
+                      0,
+                      [this, reach](const CauseSample& s) {
+                        std::vector<double> depths;
+                        ForSquare(views_[s.view].truth, s, reach,
+                                  [&](double z, int, int) { depths.push_back(z); });
+                        return LogRatio(s.estimated, MidpointMedianInPlace(std::span(depths)));
+                      }});
     }
-    return best;
+    return Best(std::move(fits));
   }
 
   // A pixel has the nearest (fattened) or farthest (thinned) depth within reach, everywhere or
   // where depth jumps.
   std::optional<CauseFit> Fattening() const {
     constexpr double kJump = 0.1;
-    std::optional<CauseFit> best;
-    double least = std::numeric_limits<double>::infinity();
+    std::vector<CauseFit> fits;
     for (int reach = 1; reach <= kMaxReachPx; ++reach) {
       for (const bool is_thinned : {false, true}) {
         for (const double jump : {0.0, kJump}) {
           const double px = reach * views_.front().image_px;
-          KeepBetter({DepthFault::kFattening,
-                      {is_thinned ? -px : px},
-                      0,
-                      [this, reach, is_thinned, jump](const CauseSample& s) {
-                        double z = s.truth;
-                        ForSquare(views_[s.view].truth, s, reach, [&](double other, int, int) {
-                          z = is_thinned ? std::max(z, other) : std::min(z, other);
-                        });
-                        const bool is_edge = std::abs(std::log(z / s.truth)) > jump;
-                        return LogRatio(s.estimated, is_edge ? z : s.truth);
-                      }},
-                     least, best);
+          fits.push_back({DepthFault::kFattening,
+                          {is_thinned ? -px : px},
+                          0,
+                          [this, reach, is_thinned, jump](const CauseSample& s) {
+                            double z = s.truth;
+                            ForSquare(views_[s.view].truth, s, reach, [&](double other, int, int) {
+                              z = is_thinned ? std::max(z, other) : std::min(z, other);
+                            });
+                            const bool is_edge = std::abs(std::log(z / s.truth)) > jump;
+                            return LogRatio(s.estimated, is_edge ? z : s.truth);
+                          }});
         }
       }
     }
-    return best;
+    return Best(std::move(fits));
   }
 
  private:
-  void KeepBetter(CauseFit fit, double& least, std::optional<CauseFit>& best) const {
-    const double error = MeanError(fit.residual, training_);
-    if (!(error < least)) return;
-    least = error;
-    best = std::move(fit);
-    best->severity = ErrorAsItIs(training_) / kLeastFilterError;
+  // Returns the fit of the least error on the training samples, the first of equals.
+  std::optional<CauseFit> Best(std::vector<CauseFit> fits) const {
+    std::optional<CauseFit> best;
+    double least = std::numeric_limits<double>::infinity();
+    for (CauseFit& fit : fits) {
+      const double error = MeanError(fit.residual, training_);
+      if (!(error < least)) continue;
+      least = error;
+      best = std::move(fit);
+    }
+    if (best) best->severity = ErrorAsItIs(training_) / kLeastFilterError;
+    return best;
   }
 
   std::span<const ExplainedView> views_;

@@ -306,13 +306,6 @@ Vector3d CrsTransform::operator()(const Vector3d& point) const {
   return *result;
 }
 
-std::optional<double> CrsTransform::AccuracyMeters() const {
-  const Object used(proj_trans_get_last_used_operation(operation_->operation.get()));
-  const double accuracy =
-      used ? proj_coordoperation_get_accuracy(operation_->context.get(), used.get()) : -1;
-  return accuracy >= 0 ? std::optional(accuracy) : std::nullopt;
-}
-
 std::optional<std::string> CrsTransform::Warning() const {
   PJ_CONTEXT* const context = operation_->context.get();
   const Object used(proj_trans_get_last_used_operation(operation_->operation.get()));

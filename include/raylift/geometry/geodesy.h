@@ -75,9 +75,6 @@ class CrsTransform {
   // Throws InputError where the point has no place in the system that it is led to.
   Eigen::Vector3d operator()(const Eigen::Vector3d& point) const;
 
-  // What PROJ knows of how well the last point was transformed, in meters; nullopt where it does
-  // not know.
-  std::optional<double> AccuracyMeters() const;
   // Says which grids are missing that a better transformation would use, or that heights or datums
   // are taken as they are; nullopt where all is well.
   std::optional<std::string> Warning() const;

@@ -81,7 +81,6 @@ struct PhotographTags {
   std::optional<double> heading_deg;  // of where right_in_cam is the viewer's right
   Eigen::Vector3d right_in_cam = Eigen::Vector3d::UnitX();
   double heading_sigma_deg = 0;
-  std::optional<double> relative_altitude_m;
   // What was found and what was not taken, for people: "position +-3 m, gimbal".
   std::string summary;
 };

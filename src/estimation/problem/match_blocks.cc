@@ -1,7 +1,6 @@
 // Matches as the kernels take them, and their exact residuals.
 
-#include <algorithm>
-#include <cmath>
+#include <cstring>
 
 #include "estimation/kernels/kernel_table.h"
 #include "estimation/problem/normalized_problem.h"

@@ -115,8 +115,8 @@ class Finder {
     Say(fmt::format("gimbal pitch {:.1f}, roll {:.1f}", *exif_.drone->pitch_deg,
                     *exif_.drone->roll_deg));
     if (tags_.heading_deg) Say(fmt::format("yaw {:.1f} deg", *tags_.heading_deg));
-    if ((tags_.relative_altitude_m = exif_.drone->relative_altitude_m)) {
-      Say(fmt::format("{:.1f} m above its start", *tags_.relative_altitude_m));
+    if (const auto altitude_m = exif_.drone->relative_altitude_m) {
+      Say(fmt::format("{:.1f} m above its start", *altitude_m));
     }
   }
 
