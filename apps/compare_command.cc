@@ -22,6 +22,7 @@
 #include "base/progress.h"
 #include "comparison/comparison_tables.h"
 #include "estimation/fields.h"
+#include "io/scene/named_poses.h"
 #include "lifting/fields.h"
 #include "localization/calibration_images.h"
 #include <fmt/format.h>
@@ -377,7 +378,7 @@ class CompareRun {
   }
 
   LocalizationComparison CompareByLocalization(const std::vector<ReferenceMatch>& matches) const {
-    const PosesByName truth = ReadGroundTruth(flags_.ground_truth);
+    const PosesByName truth = ReadModelOrPoses(flags_.ground_truth);
     LocalizationComparison comparison;
     {
       Progress progress("queries", queries_.size(), flags_.run.Show());

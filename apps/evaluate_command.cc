@@ -10,6 +10,7 @@
 #include "apps/pose_files.h"
 #include "comparison/image_errors.h"
 #include "evaluation/submission.h"
+#include "io/scene/named_poses.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -213,14 +214,15 @@ void Run(const EvaluateFlags& flags) {
     if (!output.empty()) RequireWritable(output);
   }
   if (!flags.report.empty()) RequireWritable(flags.report / "index.html");
-  const PosesByName ground_truth = ReadGroundTruth(flags.ground_truth);
-  const std::vector<TimedName> order = InOrderOfTime(ground_truth, flags.times);
+  const PosesByName ground_truth = ReadModelOrPoses(flags.ground_truth);
+  std::vector<TimedName> order;
+  if (!flags.trajectory_json.empty()) order = InOrderOfTime(ground_truth, flags.times);
   std::vector<PosesByName> estimated;
   std::vector<std::string> names;
   std::vector<ResultSummary> results;
   for (size_t i = 0; i < flags.poses.size(); ++i) {
     names.push_back(flags.names.empty() ? ResultName(flags.poses[i]) : flags.names[i]);
-    estimated.push_back(ReadPoses(flags.poses[i]));
+    estimated.push_back(ReadNamedPoses(flags.poses[i]));
     results.push_back(Summarize(
         names.back(), CompareWithGroundTruth(ground_truth, estimated.back()), thresholds));
     if (flags.calibration) {
@@ -277,7 +279,8 @@ Command AddEvaluateCommand(CLI::App& program) {
               "Also APE of the poses and RPE of the steps between them, as evo defines\n"
               "them, without alignment");
   options.Add("--times", flags->times,
-              "Their order: lines `name seconds` of the ground truth (default: by name)");
+              "Their order: lines `name seconds` of the ground truth (default: by name,\n"
+              "img_2 before img_10)");
   options.Add("--report", flags->report,
               "Folder for one HTML page to look at (index.html), and the table");
   const OptionGroup dense(command, "Dense errors");

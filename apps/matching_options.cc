@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "apps/pose_files.h"
+#include "io/scene/named_poses.h"
 #include "lifting/mesh_spec.h"
 #include <fmt/format.h>
 
@@ -117,7 +117,7 @@ RetrievalOptions RetrievalFlags::Resolve(const std::vector<std::string>& geometr
 }
 
 void RetrievalFlags::ReadPriorPoses(RetrievalOptions* options) const {
-  if (UsesPoses(options->method)) options->prior_poses = ReadGroundTruth(prior_poses);
+  if (UsesPoses(options->method)) options->prior_poses = ReadModelOrPoses(prior_poses);
 }
 
 void AddRetrievalOptions(CLI::App& command, RetrievalFlags& flags) {

@@ -220,7 +220,8 @@ Command AddPerturbCommand(CLI::App& program) {
             "The images are a walk: its odometry is made instead of maps, odometry.txt\n"
             "(a TUM trajectory) and times.txt, for localize --odometry");
   walk.Add("--times", flags->times,
-           "Their order: lines `name seconds` (default: by name, one a second)");
+           "Their order: lines `name seconds` (default: by name,\n"
+           "img_2 before img_10, one a second)");
   walk.Add(FieldsOf(flags->odometry));
   AddRunOptions(command, flags->run);
   SetFooter(command,

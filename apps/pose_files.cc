@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <map>
 
+#include "base/name_order.h"
+#include "io/scene/named_poses.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -14,27 +16,6 @@ namespace raylift {
 
 using std::filesystem::path;
 
-PosesByName ReadPoses(const path& file) {
-  PosesByName poses;
-  for (const NamedPose& pose : ReadPoseFile(file)) {
-    if (!poses.emplace(pose.name, pose.cam_from_world).second) {
-      throw InputError(file, fmt::format("the name {} stands twice", pose.name));
-    }
-  }
-  return poses;
-}
-
-PosesByName ReadGroundTruth(const path& model_or_file) {
-  if (!std::filesystem::is_directory(model_or_file)) {
-    return ReadPoses(model_or_file);
-  }
-  PosesByName poses;
-  for (const PosedImage& image : ReadColmapModel(model_or_file).PosedImages()) {
-    poses.emplace(image.name, image.cam_from_world);
-  }
-  return poses;
-}
-
 std::vector<PosedImage> ReadPosedQueries(const path& model_or_file, const path& query_list) {
   if (query_list.empty()) {
     if (!std::filesystem::is_directory(model_or_file)) {
@@ -45,7 +26,7 @@ std::vector<PosedImage> ReadPosedQueries(const path& model_or_file, const path& 
   std::map<std::string, Camera> cameras;
   for (const Query& query : ReadQueryList(query_list)) cameras.emplace(query.name, query.camera);
   std::vector<PosedImage> images;
-  for (const auto& [name, pose] : ReadGroundTruth(model_or_file)) {
+  for (const auto& [name, pose] : ReadModelOrPoses(model_or_file)) {
     const auto camera = cameras.find(name);
     if (camera == cameras.end()) {
       throw InputError(query_list, fmt::format("{}, of the ground truth, is missing", name));
@@ -56,19 +37,20 @@ std::vector<PosedImage> ReadPosedQueries(const path& model_or_file, const path& 
 }
 
 std::vector<TimedName> InOrderOfTime(const PosesByName& poses, const path& times_file) {
-  std::map<std::string, double> times;
-  if (!times_file.empty()) times = ReadTimes(times_file);
-  std::vector<TimedName> names;
-  for (const auto& [name, pose] : poses) {
+  std::vector<std::string> names;
+  for (const auto& [name, pose] : poses) names.push_back(name);
+  const auto times = times_file.empty() ? PlacesByNumbers(names) : ReadTimes(times_file);
+  std::vector<TimedName> order;
+  for (const std::string& name : names) {
     const auto time = times.find(name);
-    if (time == times.end() && !times_file.empty()) {
+    if (time == times.end()) {
       throw InputError(times_file, fmt::format("the time of {} is missing", name));
     }
-    names.push_back({times_file.empty() ? static_cast<double>(names.size()) : time->second, name});
+    order.push_back({time->second, name});
   }
-  std::stable_sort(names.begin(), names.end(),
+  std::stable_sort(order.begin(), order.end(),
                    [](const TimedName& a, const TimedName& b) { return a.time_s < b.time_s; });
-  return names;
+  return order;
 }
 
 std::string ResultName(const path& file) {

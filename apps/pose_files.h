@@ -11,19 +11,13 @@
 
 namespace raylift {
 
-// InputError where a name stands twice.
-PosesByName ReadPoses(const std::filesystem::path& file);
-
-// From a COLMAP model's folder or a pose file.
-PosesByName ReadGroundTruth(const std::filesystem::path& model_or_file);
-
-// The same with the cameras: the model's, or those of a query list (which must then be given and
-// hold every name).
+// The poses of a COLMAP model's folder or a pose file with the cameras: the model's, or those of a
+// query list (which must then be given and hold every name).
 std::vector<PosedImage> ReadPosedQueries(const std::filesystem::path& model_or_file,
                                          const std::filesystem::path& query_list);
 
 // The poses in the order of their times, in seconds: those of the file, which must know all, or
-// else their places in the order of names.
+// else their places in the order of the numbers in their names.
 struct TimedName {
   double time_s = 0;
   std::string name;

@@ -4,32 +4,18 @@
 #include <limits>
 #include <map>
 
+#include "io/scene/named_poses.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/base/text.h"
-#include "raylift/io/colmap_model.h"
 #include "raylift/io/query_list.h"
 
 namespace raylift {
 namespace {
 
 using std::filesystem::path;
-
-PosesByName ReadTruth(const path& model_or_file) {
-  PosesByName poses;
-  if (std::filesystem::is_directory(model_or_file)) {
-    for (const PosedImage& image : ReadColmapModel(model_or_file).PosedImages()) {
-      poses.emplace(image.name, image.cam_from_world);
-    }
-  } else {
-    for (const NamedPose& pose : ReadPoseFile(model_or_file)) {
-      poses.emplace(pose.name, pose.cam_from_world);
-    }
-  }
-  return poses;
-}
 
 // A seed and an offset of the subsampling.
 using Run = std::pair<uint64_t, size_t>;
@@ -94,7 +80,7 @@ class ResultCollector {
   const PosesByName& TruthOf(const ExperimentScene& scene, const Outcomes& outcomes) {
     const auto known = truth_.find(scene.name);
     if (known != truth_.end()) return known->second;
-    PosesByName truth = ReadTruth(scene.ground_truth);
+    PosesByName truth = ReadModelOrPoses(scene.ground_truth);
     std::erase_if(truth, [&](const auto& entry) { return !outcomes.contains(entry.first); });
     if (truth.empty()) throw InputError(scene.ground_truth, "holds none of the queries");
     return truth_.emplace(scene.name, std::move(truth)).first->second;

@@ -7,15 +7,15 @@
 #include <string_view>
 #include <utility>
 
+#include "base/name_order.h"
 #include "base/statistics.h"
+#include "io/scene/named_poses.h"
 #include "io/scene/trajectory_file.h"
 #include "io/text/line_tokens.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
-#include "raylift/io/colmap_model.h"
-#include "raylift/io/query_list.h"
 #include "raylift/io/scene_file.h"
 
 namespace raylift {
@@ -48,24 +48,6 @@ TimesByName TimesOf(const path& times, std::span<const std::string> names) {
     in_names.emplace(name, *time_s);
   }
   return in_names;
-}
-
-// By which names are in the order of the numbers in them: img_2 before img_10.
-std::string OrderKey(std::string_view name) {
-  constexpr size_t kDigits = 20;
-  constexpr std::string_view kAllDigits = "0123456789";
-  std::string key;
-  while (!name.empty()) {
-    std::string_view digits = name.substr(0, name.find_first_not_of(kAllDigits));
-    name.remove_prefix(digits.size());
-    digits.remove_prefix(std::min(digits.find_first_not_of('0'), digits.size()));
-    if (digits.size() < kDigits) key.append(kDigits - digits.size(), '0');
-    key += digits;
-    const std::string_view text = name.substr(0, name.find_first_of(kAllDigits));
-    key += text;
-    name.remove_prefix(text.size());
-  }
-  return key;
 }
 
 double MedianStep(std::span<const TimedPose> poses) {
@@ -105,25 +87,8 @@ void AddByTime(const path& file, std::span<const TimedPose> poses, const TimesBy
 
 void AddByName(const path& odometry, TimesByName times, std::span<const std::string> names,
                Walk& walk) {
-  std::map<std::string, Rigid3> poses;
-  if (std::filesystem::is_directory(odometry)) {
-    for (const PosedImage& image : ReadColmapModel(odometry).PosedImages()) {
-      poses.emplace(image.name, image.cam_from_world);
-    }
-  } else {
-    for (const NamedPose& pose : ReadPoseFile(odometry)) {
-      if (!poses.emplace(pose.name, pose.cam_from_world).second) {
-        throw InputError(odometry, fmt::format("{} stands twice", pose.name));
-      }
-    }
-  }
-  if (times.empty()) {
-    std::vector<std::string> sorted(names.begin(), names.end());
-    std::sort(sorted.begin(), sorted.end(), [](const std::string& a, const std::string& b) {
-      return std::pair(OrderKey(a), a) < std::pair(OrderKey(b), b);
-    });
-    for (const std::string& name : sorted) times.emplace(name, static_cast<double>(times.size()));
-  }
+  const std::map<std::string, Rigid3> poses = ReadModelOrPoses(odometry);
+  if (times.empty()) times = PlacesByNumbers(names);
   for (size_t i = 0; i < names.size(); ++i) {
     const auto pose = poses.find(names[i]);
     const auto time = times.find(names[i]);

@@ -145,6 +145,24 @@ TEST(Evaluate, TellsHowFarTheSceneMovesInTheImages) {
   EXPECT_EQ(lost[4], "");
 }
 
+TEST(Evaluate, StepsAreTakenInTheOrderOfTheNumbersInNames) {
+  const fs::path folder = TestFolder();
+  std::vector<NamedPose> truth, drifting;
+  for (int i = 1; i <= 11; ++i) {
+    const std::string name = "img_" + std::to_string(i) + ".jpg";
+    truth.push_back({name, {Eigen::Quaterniond::Identity(), {1.0 * i, 0, 0}}});
+    drifting.push_back({name, {Eigen::Quaterniond::Identity(), {1.5 * i, 0, 0}}});
+  }
+  WritePoseFile(folder / "truth.txt", truth);
+  WritePoseFile(folder / "drifting.txt", drifting);
+  const fs::path json = folder / "trajectory.json";
+  ASSERT_TRUE(Succeeds(RunRaylift({"evaluate", "--ground-truth", folder / "truth.txt", "--poses",
+                                   folder / "drifting.txt", "--trajectory-json", json})));
+  const auto errors = nlohmann::json::parse(ReadFile(json)).at(0).at("rpe_position");
+  EXPECT_EQ(errors.at("min"), 0.5);
+  EXPECT_EQ(errors.at("max"), 0.5);
+}
+
 TEST(Evaluate, ChecksSubmissions) {
   const RoomScene scene = WriteRoomScene(TestFolder());
   const fs::path poses = scene.folder / "poses.txt";
