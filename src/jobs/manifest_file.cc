@@ -59,9 +59,10 @@ using Json = nlohmann::ordered_json;
 
 // The member of a shard's line that says what machine it ran on.
 constexpr const char* kInstructions = "instructions";
+constexpr std::string_view kBeginOfInstructions = R"({"instructions":)";
 
 bool TakeInstructions(const std::string& line, TaskManifest& manifest) {
-  if (!line.starts_with(fmt::format(R"({{"{}":)", kInstructions))) return false;
+  if (!line.starts_with(kBeginOfInstructions)) return false;
   const Json json = Json::parse(line, nullptr, /*allow_exceptions=*/false);
   if (!json.is_object() || !json.at(kInstructions).is_string()) return false;
   manifest.instructions.insert(json.at(kInstructions).get<std::string>());

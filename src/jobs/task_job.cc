@@ -88,7 +88,9 @@ void TaskJob::TakeFormerRuns(const std::string& header) {
     manifest_.facts = std::move(all.facts);
   }
   if (!folder_.resume) return;
-  manifest_.instructions = ReadTaskManifest(file_, form_.is_readable).instructions;
+  if (!folder_.shard.IsAll()) {
+    manifest_.instructions = ReadTaskManifest(file_, form_.is_readable).instructions;
+  }
   for (size_t i = 0; i < keys_.size(); ++i) {
     if (folder_.shard.Contains(i)) TakeRecord(i, all, manifest_);
   }
