@@ -49,8 +49,7 @@ class BlockCholesky {
 
   ChainCovariance Covariance() const {
     const size_t size = pivots_.size();
-    ChainCovariance covariance{std::vector<Matrix6>(size), std::vector<Matrix6>(size),
-                               std::vector<Vector6>(size), 1 / corner_};
+    ChainCovariance covariance{std::vector<Matrix6>(size), std::vector<Matrix6>(size), 1 / corner_};
     for (size_t i = size; i-- > 0;) {
       covariance.diagonal[i] = pivots_[i].solve(Matrix6::Identity());
       if (i + 1 == size) continue;
@@ -59,7 +58,6 @@ class BlockCholesky {
       covariance.diagonal[i] += factors_[i + 1].transpose() * next * factors_[i + 1];
     }
     for (size_t i = size; i-- > 0;) {
-      covariance.border[i] = -of_border_[i] / corner_;
       covariance.diagonal[i] += of_border_[i] * of_border_[i].transpose() / corner_;
       if (i > 0) covariance.below[i] += of_border_[i] * of_border_[i - 1].transpose() / corner_;
     }

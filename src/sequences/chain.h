@@ -51,7 +51,6 @@ std::optional<ChainSolution> Solve(const ChainEquations& equations, double dampi
 struct ChainCovariance {
   std::vector<Matrix6> diagonal;  // of step i
   std::vector<Matrix6> below;     // of step i with step i-1; nothing at 0
-  std::vector<Vector6> border;    // of step i with the number
   double corner = 0;              // of the number
 };
 std::optional<ChainCovariance> Invert(const ChainEquations& equations);

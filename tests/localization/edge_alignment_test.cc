@@ -37,7 +37,7 @@ Image StepAt(double x, int width_px, int height_px) {
 
 TEST(EdgeImage, AStepIsAnEdgeThereAndAcrossItAlone) {
   const EdgeImage image(StepAt(70.3, 160, 120), Pinhole());
-  ASSERT_GT(image.num_edges(), 100u);
+  ASSERT_GT(image.edges().size(), 100u);
   // The parabola through three magnitudes of a step is off by some tenth of a pixel.
   for (const EdgePixel& edge : image.edges()) EXPECT_NEAR(edge.position_px.x(), 70.3, 0.15);
   const Eigen::Vector2d across(1, 0);

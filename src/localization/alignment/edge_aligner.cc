@@ -1,11 +1,10 @@
 #include "localization/alignment/edge_aligner.h"
 
 #include <algorithm>
-#include <cmath>
-#include <numbers>
 #include <utility>
 
 #include "base/rng.h"
+#include "estimation/methods/methods.h"
 #include "localization/alignment/edge_search.h"
 
 #include "raylift/base/error.h"
@@ -48,10 +47,7 @@ PoseEstimate EdgeAligner::Estimate(const PoseProblem& problem) const {
   }
   const EdgeFit& fit = found.modes.front().fit;
   estimate.cam_from_world = fit.cam_from_world;
-  estimate.covariance = fit.covariance;
-  estimate.rotation_sigma_deg =
-      std::sqrt(fit.covariance.diagonal().head<3>().sum()) * 180 / std::numbers::pi;
-  estimate.position_sigma = std::sqrt(fit.covariance.diagonal().tail<3>().sum());
+  SetCovariance(fit.covariance, estimate);
   estimate.confidence = ConfidenceOf(found);
   if (estimate.confidence >= kLocalizedConfidence) estimate.verdict = PoseVerdict::kLocalized;
   return estimate;

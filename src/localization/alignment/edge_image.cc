@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "base/statistics.h"
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
@@ -42,9 +43,8 @@ Gradients GradientsOf(const Image& gray) {
 // Returns the magnitude that noise seldom reaches, by the median of all: most pixels show no edge.
 float Threshold(const cv::Mat& magnitude) {
   std::vector<float> values(magnitude.begin<float>(), magnitude.end<float>());
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle * static_cast<float>(std::sqrt(std::log(1 / kNoiseShare) / std::log(2.0)));
+  return UpperMedianInPlace(std::span(values)) *
+         static_cast<float>(std::sqrt(std::log(1 / kNoiseShare) / std::log(2.0)));
 }
 
 float At(const cv::Mat& map, float x, float y) {

@@ -32,7 +32,6 @@ class EdgeImage {
   EdgeImage(const Image& gray, const Camera& camera);
 
   const Camera& camera() const { return camera_; }
-  size_t num_edges() const { return edges_.size(); }
   std::span<const EdgePixel> edges() const { return edges_; }
 
   // How much likelier the photograph is here if it shows an edge of the scene across `normal` (any

@@ -93,19 +93,13 @@ struct Residual {
   double chance_rate;
 };
 
-struct Residuals {
-  std::vector<Residual> found;
-  double length_px = 0;  // of all that are in the picture
-};
-
-Residuals ResidualsAt(const EdgeImage& image, std::span<const SceneEdge> edges, const Rigid3& pose,
-                      double reach_px) {
-  Residuals residuals;
+std::vector<Residual> ResidualsAt(const EdgeImage& image, std::span<const SceneEdge> edges,
+                                  const Rigid3& pose, double reach_px) {
+  std::vector<Residual> residuals;
   const Viewer viewer(image.camera(), pose);
   for (const SceneEdge& edge : edges) {
     const auto seen = viewer.See(edge);
     if (!seen) continue;
-    residuals.length_px += edge.length_px;
     const auto near = image.NearestAlong(seen->pixel, seen->normal, reach_px);
     if (!near) continue;
     Residual residual;
@@ -115,7 +109,7 @@ Residuals ResidualsAt(const EdgeImage& image, std::span<const SceneEdge> edges, 
     residual.slope.tail<3>() = of_point.transpose();
     residual.length_px = edge.length_px;
     residual.chance_rate = image.ChanceRate(seen->pixel, seen->normal);
-    residuals.found.push_back(residual);
+    residuals.push_back(residual);
   }
   return residuals;
 }
@@ -128,19 +122,16 @@ double Weight(const Residual& residual, double sigma_px) {
   return density / (density + (1 - kEvenOdds) * residual.chance_rate);
 }
 
-struct Spread {
-  double sigma_px;
-  double weight_px;  // the length that is there
-};
-Spread SpreadOf(const Residuals& residuals, double sigma_px) {
+// The deviation of those distances.
+double SpreadOf(std::span<const Residual> residuals, double sigma_px) {
   double squares = 0;
   double weights = 0;
-  for (const Residual& residual : residuals.found) {
+  for (const Residual& residual : residuals) {
     const double weight = residual.length_px * Weight(residual, sigma_px);
     squares += weight * residual.distance_px * residual.distance_px;
     weights += weight;
   }
-  return {weights > 0 ? std::sqrt(squares / weights) : sigma_px, weights};
+  return weights > 0 ? std::sqrt(squares / weights) : sigma_px;
 }
 
 struct Equations {
@@ -149,10 +140,10 @@ struct Equations {
 };
 
 // Each weighted piece counts by its length in units of a pixel.
-Equations EquationsOf(const Residuals& residuals, double sigma_px) {
+Equations EquationsOf(std::span<const Residual> residuals, double sigma_px) {
   Equations equations;
   const double precision = 1 / (sigma_px * sigma_px);
-  for (const Residual& residual : residuals.found) {
+  for (const Residual& residual : residuals) {
     const double weight = precision * residual.length_px * Weight(residual, sigma_px);
     equations.normal += weight * residual.slope * residual.slope.transpose();
     equations.gradient += weight * residual.distance_px * residual.slope;
@@ -232,11 +223,10 @@ std::optional<EdgeFit> FitEdges(const EdgeImage& image, std::span<const SceneEdg
   constexpr double kLeastSigmaPx = 0.3;  // rounding of the picture that the edges were seen in
   EdgeFit fit{.cam_from_world = start, .covariance = Matrix6::Zero()};
   double sigma_px = std::max(kLeastSigmaPx, reach_px / 3);
-  Residuals residuals;
   for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
-    residuals = ResidualsAt(image, edges, fit.cam_from_world, reach_px);
-    if (residuals.found.size() < 6) return std::nullopt;
-    sigma_px = std::clamp(SpreadOf(residuals, sigma_px).sigma_px, kLeastSigmaPx, sigma_px);
+    const auto residuals = ResidualsAt(image, edges, fit.cam_from_world, reach_px);
+    if (residuals.size() < 6) return std::nullopt;
+    sigma_px = std::clamp(SpreadOf(residuals, sigma_px), kLeastSigmaPx, sigma_px);
     Equations equations = EquationsOf(residuals, sigma_px);
     AddPrior(prior, fit.cam_from_world, equations.normal, equations.gradient);
     equations.normal.diagonal() *= 1 + 1e-3;
@@ -244,10 +234,7 @@ std::optional<EdgeFit> FitEdges(const EdgeImage& image, std::span<const SceneEdg
     if (!step.allFinite()) return std::nullopt;
     fit.cam_from_world = Stepped(fit.cam_from_world, step);
   }
-  residuals = ResidualsAt(image, edges, fit.cam_from_world, reach_px);
-  const Spread spread = SpreadOf(residuals, sigma_px);
-  fit.sigma_px = sigma_px;
-  fit.shown = residuals.length_px > 0 ? spread.weight_px / residuals.length_px : 0;
+  const auto residuals = ResidualsAt(image, edges, fit.cam_from_world, reach_px);
   const auto covariance = CovarianceOf(EquationsOf(residuals, sigma_px), prior, fit.cam_from_world);
   if (!covariance) return std::nullopt;
   fit.covariance = *covariance;

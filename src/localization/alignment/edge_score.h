@@ -43,13 +43,11 @@ double LogPrior(const PosePrior& prior, const Rigid3& cam_from_world);
 struct EdgeFit {
   Rigid3 cam_from_world;
   Eigen::Matrix<double, 6, 6> covariance;  // of the step (w, v), see geometry/residuals.h
-  double sigma_px = 0;                     // of the distances between edges, those by chance aside
-  double shown = 0;                        // the share of the scene's edges that are there
 };
 
-// Levenberg-Marquardt on the distances of edges along their normals, up to `reach_px`, each with
-// the weight of its odds to be no chance; the distances' spread is estimated. nullopt where the
-// edges do not determine the pose.
+// Gauss-Newton, damped a little, on the distances of edges along their normals, up to `reach_px`,
+// each with the weight of its odds to be no chance; the distances' spread is estimated. nullopt
+// where the edges do not determine the pose.
 std::optional<EdgeFit> FitEdges(const EdgeImage& image, std::span<const SceneEdge> edges,
                                 const PosePrior& prior, const Rigid3& start, double reach_px);
 

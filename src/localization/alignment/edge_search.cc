@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "base/rng.h"
+#include "base/statistics.h"
 #include <Eigen/Cholesky>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
@@ -216,7 +217,8 @@ class Search {
                      [](const EdgeMode& a, const EdgeMode& b) { return a.score > b.score; });
     if (!found.modes.empty()) {
       EdgeMode& best = found.modes.front();
-      AddCovarianceByResampling(image, best.edges, prior_, kReachPx, rng_, best.fit);
+      const auto edges = EdgesFrom(rays, best.fit.cam_from_world, kFinest.edges);
+      AddCovarianceByResampling(image, edges, prior_, kReachPx, rng_, best.fit);
     }
     return found;
   }
@@ -226,14 +228,13 @@ class Search {
     constexpr int kRounds = 4;
     EdgeMode mode;
     for (int round = 0; round < kRounds; ++round) {
-      mode.edges = EdgesFrom(rays, pose, kFinest.edges);
-      const auto fit = FitEdges(image, mode.edges, prior_, pose, kReachPx);
+      const auto fit =
+          FitEdges(image, EdgesFrom(rays, pose, kFinest.edges), prior_, pose, kReachPx);
       if (!fit) return std::nullopt;
       mode.fit = *fit;
       pose = fit->cam_from_world;
     }
-    mode.edges = EdgesFrom(rays, pose, kFinest.edges);
-    mode.cells = EdgeScoreByCell(image, mode.edges, pose);
+    mode.cells = EdgeScoreByCell(image, EdgesFrom(rays, pose, kFinest.edges), pose);
     mode.score = mode.cells.sum() + LogPrior(prior_, pose);
     return mode;
   }
@@ -244,10 +245,7 @@ class Search {
     for (const float distance : frame_.distance) {
       if (distance > 0) distances.push_back(distance);
     }
-    if (distances.empty()) return 0;
-    const auto middle = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2);
-    std::nth_element(distances.begin(), middle, distances.end());
-    return *middle;
+    return distances.empty() ? 0 : UpperMedianInPlace(std::span(distances));
   }
 
   // The best ones that are further than so many pixels from every better one.

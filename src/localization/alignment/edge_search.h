@@ -18,7 +18,6 @@ struct EdgeMode {
   EdgeFit fit;
   double score = 0;  // EdgeScore at the finest size, and the prior's
   CellScores cells;  // of the score
-  std::vector<SceneEdge> edges;
 };
 
 struct FoundByEdges {

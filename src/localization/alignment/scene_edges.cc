@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "base/rng.h"
+#include "base/statistics.h"
 #include <Eigen/Eigenvalues>
 
 namespace raylift {
@@ -76,10 +77,7 @@ class Strengths {
 };
 
 double Median(std::vector<float> values) {
-  if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
+  return values.empty() ? 0 : UpperMedianInPlace(std::span(values));
 }
 
 // Finds the crossings of one direction.
