@@ -1,7 +1,6 @@
 #include "mapping/view_planes.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <numbers>
 #include <optional>
@@ -162,18 +161,20 @@ void Compare(const GeometrySource& source, const PosedImage& other,
   }
 }
 
-// Adds by how much the inverse depth of pixels is not that between their neighbors, as a share of
-// it: the root of 6 times the noise.
+// Adds by how much the inverse depth of pixels, which show these points, is not that between their
+// neighbors, as a share of it: the root of 6 times the noise.
 void AddRoughness(const GeometrySource& source, const PosedImage& view,
-                  std::span<const Eigen::Vector2d> pixels, std::vector<double>& roughness) {
-  std::array<std::vector<std::optional<SurfacePoint>>, 3> lifted;
-  for (size_t i = 0; i < lifted.size(); ++i) {
+                  std::span<const Eigen::Vector2d> pixels,
+                  std::span<const std::optional<SurfacePoint>> points,
+                  std::vector<double>& roughness) {
+  const auto lift_beside = [&](double by_px) {
     std::vector<Eigen::Vector2d> moved(pixels.begin(), pixels.end());
-    for (Eigen::Vector2d& pixel : moved) pixel.x() += static_cast<double>(i) - 1;
-    lifted[i] = source.Lift(view, moved);
-  }
+    for (Eigen::Vector2d& pixel : moved) pixel.x() += by_px;
+    return source.Lift(view, moved);
+  };
+  const auto lefts = lift_beside(-1), rights = lift_beside(1);
   for (size_t i = 0; i < pixels.size(); ++i) {
-    const auto &left = lifted[0][i], &middle = lifted[1][i], &right = lifted[2][i];
+    const auto &left = lefts[i], &middle = points[i], &right = rights[i];
     if (!left || !middle || !right || !IsClear(*middle)) continue;
     const double share = middle->depth_z * (1 / left->depth_z + 1 / right->depth_z) - 2;
     roughness.push_back(std::abs(share) / std::sqrt(6.0));
@@ -186,8 +187,9 @@ ScaleSample SampleView(const GeometrySource& source, std::span<const PosedImage>
   ScaleSample sample;
   std::vector<SurfacePoint> points;
   const std::vector<Eigen::Vector2d> pixels = GridPixels(view.camera, kSampledPixels);
-  AddRoughness(source, view, pixels, sample.roughness);
-  for (const auto& point : source.Lift(view, pixels)) {
+  const auto lifted = source.Lift(view, pixels);
+  AddRoughness(source, view, pixels, lifted, sample.roughness);
+  for (const auto& point : lifted) {
     if (!point || !IsClear(*point)) continue;
     points.push_back(*point);
     sample.depths.push_back(point->depth_z);
