@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "scene/seven_scenes_kinect.h"
+#include <fmt/format.h>
 
 #include "raylift/base/error.h"
 
@@ -248,7 +249,8 @@ std::string DepthPresetNames() {
   return names;
 }
 
-std::string ExpandPattern(std::string_view pattern, std::string_view image_name) {
+std::string ExpandPattern(std::string_view pattern, std::string_view image_name,
+                          std::optional<size_t> index) {
   const size_t slash = image_name.rfind('/');
   const bool has_folder = slash != std::string_view::npos;
   const std::string folder(has_folder ? image_name.substr(0, slash) : std::string_view());
@@ -260,13 +262,14 @@ std::string ExpandPattern(std::string_view pattern, std::string_view image_name)
   std::erase(joined7, '-');
   const std::string separator = has_folder ? "_" : "";
 
-  const std::array<std::pair<std::string_view, std::string>, 6> values = {
+  const std::array<std::pair<std::string_view, std::string>, 7> values = {
       {{"{dir}", folder},
        {"{stem}", std::string(file.substr(0, file.rfind('.')))},
        {"{base}", base},
        {"{flat}", joined + separator + base},
        {"{flat7}", joined7 + separator + base},
-       {"{name}", std::string(image_name)}}};
+       {"{name}", std::string(image_name)},
+       {"{index}", index ? fmt::format("{:08}", *index) : "{index}"}}};
   // A pattern without folder must not become an absolute path.
   constexpr std::string_view kFolderOfIt = "{dir}/";
   std::string path;

@@ -3,6 +3,8 @@
 
 #pragma once
 
+#include <cstddef>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -17,8 +19,9 @@ namespace raylift {
 std::optional<DepthConvention> DepthPreset(std::string_view name);
 std::string DepthPresetNames();  // "colmap|nerfstudio|..."
 
-// The file that a pattern means, before {time} is looked up.
-std::string ExpandPattern(std::string_view pattern, std::string_view image_name);
+// The file that a pattern means, before {time} is looked up. {index} stays where there is none.
+std::string ExpandPattern(std::string_view pattern, std::string_view image_name,
+                          std::optional<size_t> index = std::nullopt);
 
 // The z component of the unit ray through each pixel's center (of a panorama, whose depth is the
 // distance: 1); 0 where there is no ray.

@@ -68,13 +68,9 @@ ViewCamera CameraOf(const View& view, const TaskSelection& selection) {
 }
 
 // A relative path without "..", so that nothing is written elsewhere.
-std::string StemOf(const std::string& name, size_t index, std::string pattern) {
-  constexpr std::string_view kIndex = "{index}";
-  if (const size_t at = pattern.find(kIndex); at != std::string::npos) {
-    pattern.replace(at, kIndex.size(), fmt::format("{:08}", index));
-  }
+std::string StemOf(const std::string& name, size_t index, std::string_view pattern) {
   const std::filesystem::path path =
-      std::filesystem::path(ExpandPattern(pattern, name)).lexically_normal();
+      std::filesystem::path(ExpandPattern(pattern, name, index)).lexically_normal();
   const bool leaves = path.is_absolute() || path.empty() || *path.begin() == "..";
   if (leaves || !path.has_filename() || path.filename() == ".") {
     throw InputError(fmt::format(

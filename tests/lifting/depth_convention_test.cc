@@ -81,6 +81,8 @@ TEST(DepthConvention, PatternsNameTheFileOfAnImage) {
   EXPECT_EQ(ExpandPattern("{flat}_depth.npz", "b.jpg"), "b_depth.npz");
   EXPECT_EQ(ExpandPattern("{flat7}.pose.depth.tiff", "seq-01/frame-000000.color.png"),
             "seq01_frame-000000.pose.depth.tiff");
+  EXPECT_EQ(ExpandPattern("{index}/{stem}_{index}", "b.jpg", 7), "00000007/b_00000007");
+  EXPECT_EQ(ExpandPattern("{index}", "b.jpg"), "{index}");
 }
 
 TEST(DepthConvention, PresetsAreKnownByName) {
