@@ -2,6 +2,7 @@
 
 #include <cstdio>
 #include <string>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -18,7 +19,7 @@ Walk OpenWalk(const LocalizeFlags& flags, std::span<const Query> queries) {
 WalkedQueries SmoothRecords(const LocalizeFlags& flags, const Walk& walk, const Scene& scene,
                             std::span<const Query> queries, std::vector<QueryRecord>& records) {
   std::vector<LocalizedQuery> alone;
-  for (const QueryRecord& record : records) alone.push_back(record.localized);
+  for (QueryRecord& record : records) alone.push_back(std::move(record.localized));
   WalkedQueries walked =
       SmoothQueries(alone, queries, walk, SceneDistances(scene, flags.run.threads),
                     {.scale = flags.walk.scale,

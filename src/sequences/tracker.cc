@@ -27,9 +27,7 @@ StepLength Sum(const StepLength& a, const StepLength& b) {
 SmoothedWalk WalkFilter::Add(const WalkEvidence& frame) {
   frames_.push_back(frame);
   Forget();
-  if (frames_.size() > 1) {
-    return SmoothWalk(std::vector<WalkEvidence>(frames_.begin(), frames_.end()), scale_);
-  }
+  if (frames_.size() > 1) return SmoothWalk(frames_, scale_);
   SmoothedWalk walk{.scale_is_observable = scale_ == OdometryScale::kKnown};
   if (!frame.single || !walk.scale_is_observable) return walk;
   walk.frames.push_back({.cam_from_world = frame.single->cam_from_world,
@@ -50,7 +48,7 @@ void WalkFilter::Forget() {
     }
     frames_.erase(leaves_newest);
   }
-  if (frames_.size() > kMost) frames_.pop_front();
+  if (frames_.size() > kMost) frames_.erase(frames_.begin());
 }
 
 Tracker::Tracker(Localizer localizer, const SmoothingOptions& options)

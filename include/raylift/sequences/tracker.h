@@ -4,7 +4,6 @@
 #pragma once
 
 #include <cstddef>
-#include <deque>
 #include <optional>
 #include <vector>
 
@@ -29,7 +28,7 @@ class WalkFilter {
   void Forget();
 
   OdometryScale scale_;
-  std::deque<WalkEvidence> frames_;
+  std::vector<WalkEvidence> frames_;
 };
 
 struct TrackedPose {
