@@ -98,6 +98,18 @@ function(raylift_add_library layer)
   set_property(GLOBAL APPEND PROPERTY RAYLIFT_LIBRARIES ${layer})
 endfunction()
 
+# raylift_embed(<source> <file>...) makes the source of its template <source>.in, where the name of
+# each text file in capitals, without folder and extension, stands for what it holds.
+function(raylift_embed source)
+  foreach(file ${ARGN})
+    set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/${file})
+    get_filename_component(name ${file} NAME_WE)
+    string(TOUPPER ${name} name)
+    file(READ ${file} ${name})
+  endforeach()
+  configure_file(${source}.in ${CMAKE_CURRENT_BINARY_DIR}/${source} @ONLY)
+endfunction()
+
 # raylift_precompile(<target> <owner> <header>...): <owner>, which is made first, precompiles the
 # headers, and the others use its file. They must be compiled with its options (those of the file win)
 # and with all of its definitions.
