@@ -28,21 +28,7 @@ const Arguments kFewFeatures = {"--every", "4", "--max-features", "800"};
 class Continuous : public ::testing::Test {
  protected:
   Arguments Localize(const fs::path& out, const Arguments& more) const {
-    return Arguments{"localize",
-                     "--model",
-                     kDemo / "model",
-                     "--images",
-                     kDemo / "images",
-                     "--geometry",
-                     "mesh:" + (kDemo / "scene.obj").string(),
-                     "--queries",
-                     kDemo / "queries.txt",
-                     "--cache",
-                     folder_ / "cache",
-                     "--quiet",
-                     "--out",
-                     out} +
-           more;
+    return LocalizeDemo(folder_ / "cache", out) + Arguments{"--quiet"} + more;
   }
   // The records of a run, without times.
   static std::vector<std::string> Records(const fs::path& out) {

@@ -16,32 +16,13 @@ namespace {
 
 namespace fs = std::filesystem;
 
-const fs::path kDemo = RAYLIFT_DEMO_FOLDER;
-
 class EstimateJob : public ::testing::Test {
  protected:
   // The demo's problems, of few references and features, so that it is quick.
   void SetUp() override {
-    ASSERT_TRUE(Succeeds(RunRaylift({"localize",
-                                     "--model",
-                                     kDemo / "model",
-                                     "--images",
-                                     kDemo / "images",
-                                     "--geometry",
-                                     "mesh:" + (kDemo / "scene.obj").string(),
-                                     "--queries",
-                                     kDemo / "queries.txt",
-                                     "--cache",
-                                     folder_ / "cache",
-                                     "--every",
-                                     "4",
-                                     "--max-features",
-                                     "500",
-                                     "--quiet",
-                                     "--write-problems",
-                                     problems_,
-                                     "--out",
-                                     folder_ / "localized"})));
+    ASSERT_TRUE(Succeeds(RunRaylift(LocalizeDemo(folder_ / "cache", folder_ / "localized") +
+                                    Arguments{"--every", "4", "--max-features", "500", "--quiet",
+                                              "--write-problems", problems_})));
   }
 
   Arguments Estimate(const fs::path& out, const Arguments& more = {}) const {

@@ -22,25 +22,8 @@ class LocalizeJob : public ::testing::Test {
  protected:
   // The demo scene with few references and features, so that it is quick.
   Arguments Localize(const fs::path& out, const Arguments& more = {}) const {
-    return Arguments{"localize",
-                     "--model",
-                     kDemo / "model",
-                     "--images",
-                     kDemo / "images",
-                     "--geometry",
-                     "mesh:" + (kDemo / "scene.obj").string(),
-                     "--queries",
-                     kDemo / "queries.txt",
-                     "--cache",
-                     folder_ / "cache",
-                     "--every",
-                     "4",
-                     "--max-features",
-                     "500",
-                     "--quiet",
-                     "--out",
-                     out} +
-           more;
+    return LocalizeDemo(folder_ / "cache", out) +
+           Arguments{"--every", "4", "--max-features", "500", "--quiet"} + more;
   }
 
   // What a run that is left alone leaves.

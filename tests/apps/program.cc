@@ -78,6 +78,13 @@ Arguments LocalizeFromImages(const RoomScene& scene, const fs::path& out) {
           out};
 }
 
+Arguments LocalizeDemo(const fs::path& cache, const fs::path& out) {
+  const fs::path demo = RAYLIFT_DEMO_FOLDER;
+  return Arguments{"localize", "--model", demo / "model", "--images", demo / "images"} +
+         Arguments{"--geometry", "mesh:" + (demo / "scene.obj").string()} +
+         Arguments{"--queries", demo / "queries.txt", "--cache", cache, "--out", out};
+}
+
 ::testing::AssertionResult Succeeds(const CommandResult& result) {
   if (result.exit_code == 0 && result.err.empty()) {
     return ::testing::AssertionSuccess();

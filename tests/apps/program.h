@@ -36,6 +36,9 @@ Arguments LocalizeWithHloc(const RoomScene& scene, const std::filesystem::path& 
 // `localize` from the images and the mesh, to `out`.
 Arguments LocalizeFromImages(const RoomScene& scene, const std::filesystem::path& out);
 
+// `localize` of the demo's queries from the images and the mesh, to `out`.
+Arguments LocalizeDemo(const std::filesystem::path& cache, const std::filesystem::path& out);
+
 // Exit code 0 and nothing on stderr.
 ::testing::AssertionResult Succeeds(const CommandResult& result);
 // This exit code and one line on stderr, which contains each of `parts`.

@@ -32,25 +32,8 @@ class Rigs : public ::testing::Test {
 
   // Few references and few features, so that it is quick, and photographs alone often fail.
   Arguments Localize(const fs::path& out, const Arguments& more = {}) const {
-    return Arguments{"localize",
-                     "--model",
-                     kDemo / "model",
-                     "--images",
-                     kDemo / "images",
-                     "--geometry",
-                     "mesh:" + (kDemo / "scene.obj").string(),
-                     "--queries",
-                     kDemo / "queries.txt",
-                     "--cache",
-                     folder_ / "cache",
-                     "--every",
-                     "4",
-                     "--max-features",
-                     "800",
-                     "--quiet",
-                     "--out",
-                     out} +
-           more;
+    return LocalizeDemo(folder_ / "cache", out) +
+           Arguments{"--every", "4", "--max-features", "800", "--quiet"} + more;
   }
 
   // Each `size` queries that follow each other are a rig. The last one's camera is its reference.

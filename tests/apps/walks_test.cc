@@ -43,24 +43,8 @@ class Walks : public ::testing::Test {
   }
 
   Arguments Localize(const fs::path& out, const Arguments& more = {}) const {
-    return Arguments{"localize",
-                     "--model",
-                     kDemo / "model",
-                     "--images",
-                     kDemo / "images",
-                     "--geometry",
-                     "mesh:" + (kDemo / "scene.obj").string(),
-                     "--queries",
-                     kDemo / "queries.txt",
-                     "--cache",
-                     folder_ / "cache",
-                     "--every",
-                     "4",
-                     "--max-features",
-                     "500",
-                     "--out",
-                     out} +
-           more;
+    return LocalizeDemo(folder_ / "cache", out) +
+           Arguments{"--every", "4", "--max-features", "500"} + more;
   }
 
   Arguments Odometry() const {
