@@ -6,10 +6,10 @@
 #include <string>
 #include <vector>
 
+#include "geometry/pose_step.h"
+
 namespace raylift {
 namespace {
-
-using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
 // Adds one photograph's matches, with the indices of the joined problem.
 void AddMatches(const PoseProblem& photograph, int camera,
@@ -47,15 +47,6 @@ std::vector<bool> OfCamera(const std::vector<bool>& inliers, const std::vector<M
   return of_camera;
 }
 
-// How a step (w, v) of the query's pose moves that of another camera.
-Matrix6d StepOfCamera(const Rigid3& cam_from_query) {
-  const Eigen::Matrix3d rotation = cam_from_query.rotation.toRotationMatrix();
-  Matrix6d step = Matrix6d::Zero();
-  step.topLeftCorner<3, 3>() = step.bottomRightCorner<3, 3>() = rotation;
-  step.bottomLeftCorner<3, 3>() = Skew(cam_from_query.translation) * rotation;
-  return step;
-}
-
 }  // namespace
 
 PoseProblem JoinProblems(std::span<const PoseProblem* const> photographs,
@@ -90,7 +81,7 @@ PoseEstimate EstimateOfCamera(const PoseProblem& joined, const PoseEstimate& est
     if (*pose) **pose = cam_from_query * **pose;
   }
   if (estimate.covariance) {
-    const Matrix6d step = StepOfCamera(cam_from_query);
+    const Matrix6d step = StepAdjoint(cam_from_query);
     of_camera.covariance = step * *estimate.covariance * step.transpose();
     // A step moves the center by v alone, as in the estimator.
     of_camera.position_sigma = std::sqrt(of_camera.covariance->bottomRightCorner<3, 3>().trace());

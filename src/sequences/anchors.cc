@@ -23,22 +23,12 @@ constexpr double kLeastAmount = 0.05;
 double Log2Pi3() { return 3 * std::log(2 * std::numbers::pi); }
 
 // - 2 log N.
-double CostOf(const Vector6& error, const Matrix6& covariance) {
-  const Eigen::LLT<Matrix6> factored(covariance);
+double CostOf(const Vector6d& error, const Matrix6d& covariance) {
+  const Eigen::LLT<Matrix6d> factored(covariance);
   if (factored.info() != Eigen::Success) return std::numeric_limits<double>::infinity();
-  const Matrix6 lower = factored.matrixL();
+  const Matrix6d lower = factored.matrixL();
   return lower.triangularView<Eigen::Lower>().solve(error).squaredNorm() +
          2 * lower.diagonal().array().log().sum();
-}
-
-// The step (w, v) of the earlier camera's pose as it moves the later one's relative to it.
-Matrix6 Adjoint(const Rigid3& later_from_earlier) {
-  const Eigen::Matrix3d R = later_from_earlier.rotation.toRotationMatrix();
-  Matrix6 adjoint = Matrix6::Zero();
-  adjoint.topLeftCorner<3, 3>() = R;
-  adjoint.bottomRightCorner<3, 3>() = R;
-  adjoint.bottomLeftCorner<3, 3>() = Skew(later_from_earlier.translation) * R;
-  return adjoint;
 }
 
 class AnchorSearch {
@@ -141,13 +131,13 @@ class AnchorSearch {
     const Rigid3 step =
         OdometryStep(frames_[later].cam_from_odometry, frames_[earlier].cam_from_odometry, scale_);
     const Rigid3 seen = to.cam_from_world * from.cam_from_world.Inverse();
-    const Matrix6 adjoint = Adjoint(seen);
+    const Matrix6d adjoint = StepAdjoint(seen);
     const double way = way_[later] - way_[earlier];
     const double turn = noise_.rotation_variance * way;
     // A turn on the way moves what comes after it, and the scale may drift.
     const double shift = noise_.position_variance * way +
                          (turn / 3 + kScaleDrift * kScaleDrift) * step.translation.squaredNorm();
-    Matrix6 covariance = to.covariance + adjoint * from.covariance * adjoint.transpose();
+    Matrix6d covariance = to.covariance + adjoint * from.covariance * adjoint.transpose();
     covariance.diagonal().head<3>().array() += turn;
     covariance.diagonal().tail<3>().array() += shift;
     const double tied = CostOf(StepBetween(step, seen), covariance);

@@ -13,14 +13,14 @@ class BlockCholesky {
   static std::optional<BlockCholesky> Of(const ChainEquations& equations, double damping) {
     BlockCholesky made;
     const size_t size = equations.diagonal.size();
-    const auto damped = [&](const Matrix6& block) {
-      Matrix6 raised = block;
+    const auto damped = [&](const Matrix6d& block) {
+      Matrix6d raised = block;
       raised.diagonal() *= 1 + damping;
       return raised;
     };
     for (size_t i = 0; i < size; ++i) {
-      Matrix6 pivot = damped(equations.diagonal[i]);
-      Matrix6 factor = Matrix6::Zero();
+      Matrix6d pivot = damped(equations.diagonal[i]);
+      Matrix6d factor = Matrix6d::Zero();
       if (i > 0) {
         factor = made.pivots_[i - 1].solve(equations.below[i].transpose()).transpose();
         pivot -= factor * equations.below[i].transpose();
@@ -49,11 +49,12 @@ class BlockCholesky {
 
   ChainCovariance Covariance() const {
     const size_t size = pivots_.size();
-    ChainCovariance covariance{std::vector<Matrix6>(size), std::vector<Matrix6>(size), 1 / corner_};
+    ChainCovariance covariance{std::vector<Matrix6d>(size), std::vector<Matrix6d>(size),
+                               1 / corner_};
     for (size_t i = size; i-- > 0;) {
-      covariance.diagonal[i] = pivots_[i].solve(Matrix6::Identity());
+      covariance.diagonal[i] = pivots_[i].solve(Matrix6d::Identity());
       if (i + 1 == size) continue;
-      const Matrix6& next = covariance.diagonal[i + 1];
+      const Matrix6d& next = covariance.diagonal[i + 1];
       covariance.below[i + 1] = -next * factors_[i + 1];
       covariance.diagonal[i] += factors_[i + 1].transpose() * next * factors_[i + 1];
     }
@@ -66,8 +67,8 @@ class BlockCholesky {
 
  private:
   // The inverse of H without the border times `right`.
-  std::vector<Vector6> Apply(const std::vector<Vector6>& right) const {
-    std::vector<Vector6> x = right;
+  std::vector<Vector6d> Apply(const std::vector<Vector6d>& right) const {
+    std::vector<Vector6d> x = right;
     for (size_t i = 1; i < x.size(); ++i) x[i] -= factors_[i] * x[i - 1];
     for (size_t i = x.size(); i-- > 0;) {
       x[i] = pivots_[i].solve(x[i]).eval();
@@ -76,26 +77,26 @@ class BlockCholesky {
     return x;
   }
 
-  std::vector<Eigen::LLT<Matrix6>> pivots_;
-  std::vector<Matrix6> factors_;
-  std::vector<Vector6> of_border_;
+  std::vector<Eigen::LLT<Matrix6d>> pivots_;
+  std::vector<Matrix6d> factors_;
+  std::vector<Vector6d> of_border_;
   double corner_ = 1;
 };
 
 }  // namespace
 
-void ChainEquations::Add(size_t i, const Vector6& error, const Matrix6& jacobian,
-                         const Matrix6& weight) {
-  const Matrix6 weighted = jacobian.transpose() * weight;
+void ChainEquations::Add(size_t i, const Vector6d& error, const Matrix6d& jacobian,
+                         const Matrix6d& weight) {
+  const Matrix6d weighted = jacobian.transpose() * weight;
   diagonal[i] += weighted * jacobian;
   gradient[i] += weighted * error;
 }
 
-void ChainEquations::AddStep(size_t i, const Vector6& error, const Jacobians& jacobians,
-                             const Matrix6& weight) {
+void ChainEquations::AddStep(size_t i, const Vector6d& error, const Jacobians& jacobians,
+                             const Matrix6d& weight) {
   Add(i, error, jacobians.of_frame, weight);
   Add(i - 1, error, jacobians.of_before, weight);
-  const Vector6 weighted = weight * jacobians.of_number;
+  const Vector6d weighted = weight * jacobians.of_number;
   below[i] += jacobians.of_frame.transpose() * weight * jacobians.of_before;
   border[i] += jacobians.of_frame.transpose() * weighted;
   border[i - 1] += jacobians.of_before.transpose() * weighted;

@@ -7,40 +7,38 @@
 #include <optional>
 #include <vector>
 
+#include "geometry/pose_step.h"
 #include <Eigen/Core>
 
 namespace raylift {
 
-using Vector6 = Eigen::Matrix<double, 6, 1>;
-using Matrix6 = Eigen::Matrix<double, 6, 6>;
-
 // H x = -g.
 struct ChainEquations {
   explicit ChainEquations(size_t size)
-      : diagonal(size, Matrix6::Zero()),
-        below(size, Matrix6::Zero()),
-        gradient(size, Vector6::Zero()),
-        border(size, Vector6::Zero()) {}
+      : diagonal(size, Matrix6d::Zero()),
+        below(size, Matrix6d::Zero()),
+        gradient(size, Vector6d::Zero()),
+        border(size, Vector6d::Zero()) {}
 
-  std::vector<Matrix6> diagonal;  // H_ii
-  std::vector<Matrix6> below;     // H_i,i-1; nothing at 0
-  std::vector<Vector6> gradient;
-  std::vector<Vector6> border;  // H between step i and the number
+  std::vector<Matrix6d> diagonal;  // H_ii
+  std::vector<Matrix6d> below;     // H_i,i-1; nothing at 0
+  std::vector<Vector6d> gradient;
+  std::vector<Vector6d> border;  // H between step i and the number
   double corner = 0;
   double corner_gradient = 0;
 
   // Adds a term 1/2 r' W r with r = error + J step_i.
-  void Add(size_t i, const Vector6& error, const Matrix6& jacobian, const Matrix6& weight);
+  void Add(size_t i, const Vector6d& error, const Matrix6d& jacobian, const Matrix6d& weight);
   // The same with r = error + J step_i + K step_i-1 + k number.
   struct Jacobians {
-    Matrix6 of_frame, of_before;
-    Vector6 of_number;
+    Matrix6d of_frame, of_before;
+    Vector6d of_number;
   };
-  void AddStep(size_t i, const Vector6& error, const Jacobians& jacobians, const Matrix6& weight);
+  void AddStep(size_t i, const Vector6d& error, const Jacobians& jacobians, const Matrix6d& weight);
 };
 
 struct ChainSolution {
-  std::vector<Vector6> steps;
+  std::vector<Vector6d> steps;
   double number = 0;
 };
 
@@ -49,9 +47,9 @@ std::optional<ChainSolution> Solve(const ChainEquations& equations, double dampi
 
 // Blocks of the inverse of H.
 struct ChainCovariance {
-  std::vector<Matrix6> diagonal;  // of step i
-  std::vector<Matrix6> below;     // of step i with step i-1; nothing at 0
-  double corner = 0;              // of the number
+  std::vector<Matrix6d> diagonal;  // of step i
+  std::vector<Matrix6d> below;     // of step i with step i-1; nothing at 0
+  double corner = 0;               // of the number
 };
 std::optional<ChainCovariance> Invert(const ChainEquations& equations);
 

@@ -15,7 +15,7 @@ namespace raylift {
 
 // The inverse of a covariance, and the logarithm of its determinant.
 struct Information {
-  explicit Information(const Matrix6& inverse_covariance)
+  explicit Information(const Matrix6d& inverse_covariance)
       : matrix(inverse_covariance), log_determinant(std::log(inverse_covariance.determinant())) {}
 
   // Of a covariance that is larger by a factor.
@@ -26,7 +26,7 @@ struct Information {
     return less;
   }
 
-  Matrix6 matrix;
+  Matrix6d matrix;
   double log_determinant;
 };
 
@@ -39,15 +39,15 @@ class Mixture {
   }
   // A part that is anywhere, with this density (that of a normal distribution has no (2 pi)^3).
   void AddAnywhere(double weight, double log_density) {
-    parts_[count_++] = {std::log(weight) + log_density, Matrix6::Zero()};
+    parts_[count_++] = {std::log(weight) + log_density, Matrix6d::Zero()};
   }
 
   struct Value {
     double cost = 0;                          // - 2 log likelihood
-    Matrix6 information = Matrix6::Zero();    // that the error counts with: the parts' mean
+    Matrix6d information = Matrix6d::Zero();  // that the error counts with: the parts' mean
     std::array<double, kMostParts> shares{};  // the probability of each part
   };
-  Value At(const Vector6& error) const {
+  Value At(const Vector6d& error) const {
     Value value;
     double largest = -HUGE_VAL;
     for (size_t k = 0; k < count_; ++k) {
@@ -69,7 +69,7 @@ class Mixture {
  private:
   struct Part {
     double log_factor;
-    Matrix6 information;
+    Matrix6d information;
   };
   std::array<Part, kMostParts> parts_;
   size_t count_ = 0;

@@ -132,7 +132,7 @@ static void Members(JsonMembers& members, WalkedQuery& query) {
 std::optional<SinglePose> SinglePoseOf(const LocalizedQuery& query) {
   const PoseEstimate& estimate = query.estimate;
   if (!query.localized() || !estimate.covariance) return std::nullopt;
-  const Eigen::LLT<Matrix6> factored(*estimate.covariance);
+  const Eigen::LLT<Matrix6d> factored(*estimate.covariance);
   constexpr double kSingular = 1e-15;
   if (factored.info() != Eigen::Success || !(factored.rcond() > kSingular)) return std::nullopt;
   return SinglePose{*estimate.cam_from_world, *estimate.covariance, estimate.confidence};

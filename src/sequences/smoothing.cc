@@ -45,22 +45,18 @@ constexpr int kIterations = 50;
 constexpr double kAgrees = 0.5;
 
 Information InverseDiagonal(double rotation_variance, double position_variance) {
-  Matrix6 information = Matrix6::Zero();
+  Matrix6d information = Matrix6d::Zero();
   information.diagonal().head<3>().setConstant(1 / rotation_variance);
   information.diagonal().tail<3>().setConstant(1 / position_variance);
   return Information(information);
 }
 
 // d e(from, to) as `to` moves by a step, where e is small.
-Matrix6 OfMoved(const Vector6& error) {
-  Matrix6 jacobian = Matrix6::Identity();
+Matrix6d OfMoved(const Vector6d& error) {
+  Matrix6d jacobian = Matrix6d::Identity();
   jacobian.topLeftCorner<3, 3>() -= 0.5 * Skew(error.head<3>());
   jacobian.bottomLeftCorner<3, 3>() = -Skew(error.tail<3>());
   return jacobian;
-}
-
-Rigid3 Moved(const Rigid3& pose, const Vector6& step) {
-  return Rigid3{RotationFromVector(step.head<3>()), step.tail<3>()} * pose;
 }
 
 class WalkGraph {
@@ -69,8 +65,8 @@ class WalkGraph {
   WalkGraph(std::span<const WalkEvidence> frames, double scale, bool scale_is_known)
       : frames_(frames), scale_is_known_(scale_is_known), amounts_(StepAmounts(frames)) {
     for (const WalkEvidence& frame : frames) {
-      singles_.emplace_back(frame.single ? Matrix6(frame.single->covariance.inverse())
-                                         : Matrix6(Matrix6::Identity()));
+      singles_.emplace_back(frame.single ? Matrix6d(frame.single->covariance.inverse())
+                                         : Matrix6d(Matrix6d::Identity()));
     }
     log_scale_ = prior_log_scale_ = std::log(scale);
     extent_ = ExtentOf(frames, Scale());
@@ -162,7 +158,7 @@ class WalkGraph {
   }
 
   // e of a frame's own pose, and what it may be: right, right but less exact, anywhere.
-  Vector6 SingleError(size_t i, const Rigid3& pose) const {
+  Vector6d SingleError(size_t i, const Rigid3& pose) const {
     return StepBetween(frames_[i].single->cam_from_world, pose);
   }
   Mixture OfSingle(size_t i) const {
@@ -177,7 +173,7 @@ class WalkGraph {
   }
 
   // e of a step, and what it may be.
-  Vector6 StepError(size_t i, const Rigid3& before, const Rigid3& pose, double log_scale) const {
+  Vector6d StepError(size_t i, const Rigid3& before, const Rigid3& pose, double log_scale) const {
     return StepBetween(Step(i, log_scale), pose * before.Inverse());
   }
   Mixture OfStep(size_t i) const {
@@ -198,12 +194,12 @@ class WalkGraph {
   }
 
   ChainEquations::Jacobians StepJacobians(size_t i, const std::vector<Rigid3>& poses,
-                                          const Vector6& error, double log_scale) const {
+                                          const Vector6d& error, double log_scale) const {
     const Rigid3 seen = poses[i] * poses[i - 1].Inverse();
     const Eigen::Matrix3d R = seen.rotation.toRotationMatrix();
     const Eigen::Vector3d turned =
         RotationFromVector(error.head<3>()) * Step(i, log_scale).translation;
-    ChainEquations::Jacobians jacobians{OfMoved(error), Matrix6::Zero(), Vector6::Zero()};
+    ChainEquations::Jacobians jacobians{OfMoved(error), Matrix6d::Zero(), Vector6d::Zero()};
     jacobians.of_before.topLeftCorner<3, 3>() = -OfMoved(error).topLeftCorner<3, 3>() * R;
     jacobians.of_before.bottomRightCorner<3, 3>() = -R;
     jacobians.of_before.bottomLeftCorner<3, 3>() = -Skew(turned) * R;
@@ -225,11 +221,11 @@ class WalkGraph {
     ChainEquations equations(poses.size());
     for (size_t i = 0; i < poses.size(); ++i) {
       if (frames_[i].single) {
-        const Vector6 error = SingleError(i, poses[i]);
+        const Vector6d error = SingleError(i, poses[i]);
         equations.Add(i, error, OfMoved(error), OfSingle(i).At(error).information);
       }
       if (i == 0) continue;
-      const Vector6 error = StepError(i, poses[i - 1], poses[i], log_scale);
+      const Vector6d error = StepError(i, poses[i - 1], poses[i], log_scale);
       equations.AddStep(i, error, StepJacobians(i, poses, error, log_scale),
                         OfStep(i).At(error).information);
     }
@@ -297,10 +293,10 @@ class WalkGraph {
   }
 
   void CountSingle(size_t i, const ChainCovariance& covariance, Variance& single) const {
-    const Vector6 error = SingleError(i, poses_[i]);
+    const Vector6d error = SingleError(i, poses_[i]);
     const auto shares = OfSingle(i).At(error).shares;
     const double share = shares[0] + shares[1] / kBroadVariance;
-    const Matrix6& information = singles_[i].matrix;
+    const Matrix6d& information = singles_[i].matrix;
     single.squares += share * error.dot(information * error);
     single.free += 6 * (shares[0] + shares[1]) -
                    share * (information * covariance.diagonal[i]).trace() / single_factor_;
@@ -308,15 +304,15 @@ class WalkGraph {
 
   void CountStep(size_t i, const ChainCovariance& covariance, Variance& rotation,
                  Variance& position) const {
-    const Vector6 error = StepError(i, poses_[i - 1], poses_[i], log_scale_);
+    const Vector6d error = StepError(i, poses_[i - 1], poses_[i], log_scale_);
     const auto shares = OfStep(i).At(error).shares;
     const double share = (shares[0] + shares[1] / kBroadVariance) / amounts_[i];
     const auto J = StepJacobians(i, poses_, error, log_scale_);
-    const Matrix6 across = J.of_frame * covariance.below[i] * J.of_before.transpose();
-    const Vector6 variance = (J.of_frame * covariance.diagonal[i] * J.of_frame.transpose() +
-                              J.of_before * covariance.diagonal[i - 1] * J.of_before.transpose() +
-                              across + across.transpose())
-                                 .diagonal();
+    const Matrix6d across = J.of_frame * covariance.below[i] * J.of_before.transpose();
+    const Vector6d variance = (J.of_frame * covariance.diagonal[i] * J.of_frame.transpose() +
+                               J.of_before * covariance.diagonal[i - 1] * J.of_before.transpose() +
+                               across + across.transpose())
+                                  .diagonal();
     rotation.squares += share * error.head<3>().squaredNorm();
     rotation.free += 3 - share * variance.head<3>().sum() / noise_.rotation_variance;
     position.squares += share * error.tail<3>().squaredNorm();
@@ -368,8 +364,8 @@ class Witnesses {
  private:
   bool IsOfLastPlace(const SinglePose& single, const Rigid3& pose) const {
     constexpr double kWithin = 12.6;  // 95 % of errors of six numbers
-    const Vector6 step = StepBetween(last_->cam_from_world, pose);
-    const Matrix6 covariance = last_->covariance + single.covariance;
+    const Vector6d step = StepBetween(last_->cam_from_world, pose);
+    const Matrix6d covariance = last_->covariance + single.covariance;
     return step.dot(covariance.ldlt().solve(step)) < kWithin;
   }
 

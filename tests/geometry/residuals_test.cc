@@ -3,6 +3,7 @@
 #include <cmath>
 #include <functional>
 
+#include "geometry/pose_step.h"
 #include "geometry/test_cameras.h"
 #include "support/matchers.h"
 #include <Eigen/LU>
@@ -13,19 +14,13 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
-using Step = Eigen::Matrix<double, 6, 1>;
-
-Rigid3 Moved(const Rigid3& cam_from_world, const Step& step) {
-  const Eigen::Quaterniond turn = RotationFromVector(step.head<3>());
-  return {turn * cam_from_world.rotation, turn * cam_from_world.translation + step.tail<3>()};
-}
 
 Eigen::Matrix<double, Eigen::Dynamic, 6> CentralDifferences(
     const Rigid3& pose, const std::function<Eigen::VectorXd(const Rigid3&)>& error) {
   constexpr double kStep = 1e-6;
   Eigen::Matrix<double, Eigen::Dynamic, 6> jacobian(error(pose).size(), 6);
   for (int i = 0; i < 6; ++i) {
-    const Step step = kStep * Step::Unit(i);
+    const Vector6d step = kStep * Vector6d::Unit(i);
     jacobian.col(i) = (error(Moved(pose, step)) - error(Moved(pose, -step))) / (2 * kStep);
   }
   return jacobian;
@@ -46,7 +41,7 @@ TEST(StepBetween, TurnsOnePoseIntoTheOther) {
   for (int i = 0; i < 20; ++i) {
     const Rigid3 from = RandomRigid3(rng, 2);
     const Rigid3 to = RandomRigid3(rng, 2);
-    const Step step = StepBetween(from, to);
+    const Vector6d step = StepBetween(from, to);
     const Rigid3 reached = Moved(from, step);
     EXPECT_LT((reached.translation - to.translation).norm(), 1e-12);
     EXPECT_LT(reached.rotation.angularDistance(to.rotation), 1e-12);

@@ -2,6 +2,7 @@
 
 #include <vector>
 
+#include "geometry/pose_step.h"
 #include "support/matchers.h"
 #include "support/synthetic_problem.h"
 
@@ -9,8 +10,6 @@
 
 namespace raylift {
 namespace {
-
-using Vector6d = Eigen::Matrix<double, 6, 1>;
 
 PoseProblem Photograph(const std::string& name, const std::vector<std::string>& references,
                        int first_keypoint, Rng& rng) {

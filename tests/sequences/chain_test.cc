@@ -26,16 +26,16 @@ struct BothForms {
 BothForms MakeBoth(Rng& rng) {
   BothForms both;
   for (size_t i = 0; i < 5; ++i) {
-    const Matrix6 root = Random(rng, 6, 6);
-    const Matrix6 weight = root * root.transpose() + Matrix6::Identity();
-    const Vector6 error = Random(rng, 6, 1);
+    const Matrix6d root = Random(rng, 6, 6);
+    const Matrix6d weight = root * root.transpose() + Matrix6d::Identity();
+    const Vector6d error = Random(rng, 6, 1);
     Eigen::MatrixXd all = Eigen::MatrixXd::Zero(6, 31);
     if (i == 0) {
-      const Matrix6 jacobian = Matrix6::Identity() + 0.2 * Random(rng, 6, 6);
+      const Matrix6d jacobian = Matrix6d::Identity() + 0.2 * Random(rng, 6, 6);
       both.chain.Add(0, error, jacobian, weight);
       all.leftCols<6>() = jacobian;
     } else {
-      const ChainEquations::Jacobians J{Matrix6::Identity() + 0.2 * Random(rng, 6, 6),
+      const ChainEquations::Jacobians J{Matrix6d::Identity() + 0.2 * Random(rng, 6, 6),
                                         0.5 * Random(rng, 6, 6), Random(rng, 6, 1)};
       both.chain.AddStep(i, error, J, weight);
       const auto column = static_cast<Index>(6 * i);
@@ -83,7 +83,7 @@ TEST(Chain, CovariancesAreBlocksOfTheInverse) {
 TEST(Chain, WhatNothingDeterminesHasNoSolution) {
   ChainEquations equations(2);
   equations.corner = 1;
-  equations.Add(0, Vector6::Ones(), Matrix6::Identity(), Matrix6::Identity());
+  equations.Add(0, Vector6d::Ones(), Matrix6d::Identity(), Matrix6d::Identity());
   EXPECT_FALSE(Solve(equations, 0));
   EXPECT_FALSE(Invert(equations));
 }

@@ -7,14 +7,12 @@
 #include <vector>
 
 #include "base/rng.h"
+#include "geometry/pose_step.h"
 #include "support/meshes.h"
 
 #include "raylift/sequences/smoothing.h"
 
 namespace raylift {
-
-using Matrix6 = Eigen::Matrix<double, 6, 6>;
-using Vector6 = Eigen::Matrix<double, 6, 1>;
 
 inline constexpr double kRadPerDeg = std::numbers::pi / 180;
 
@@ -36,26 +34,22 @@ struct MadeWalk {
   }
 };
 
-inline Vector6 Noise(Rng& rng, double deg, double position) {
-  Vector6 noise;
+inline Vector6d Noise(Rng& rng, double deg, double position) {
+  Vector6d noise;
   for (double& x : noise) x = rng.Normal();
   noise.head<3>() *= kRadPerDeg * deg;
   noise.tail<3>() *= position;
   return noise;
 }
 
-inline Rigid3 Moved(const Rigid3& pose, const Vector6& step) {
-  return Rigid3{RotationFromVector(step.head<3>()), step.tail<3>()} * pose;
-}
-
 // Two rounds on a circle of radius 3, looking outwards.
 inline MadeWalk MakeWalk(Rng& rng, const WalkSettings& settings) {
   MadeWalk walk;
-  const Matrix6 covariance = [&] {
-    Vector6 variances;
+  const Matrix6d covariance = [&] {
+    Vector6d variances;
     variances << Eigen::Vector3d::Constant(std::pow(kRadPerDeg * settings.single_deg, 2)),
         Eigen::Vector3d::Constant(std::pow(settings.single_position, 2));
-    return Matrix6(variances.asDiagonal());
+    return Matrix6d(variances.asDiagonal());
   }();
   Rigid3 odometry;
   for (size_t i = 0; i < settings.frames; ++i) {

@@ -28,7 +28,7 @@ double MedianError(const MadeWalk& made, const SmoothedWalk& walk) {
 double MeanNees(const MadeWalk& made, const SmoothedWalk& walk) {
   double sum = 0;
   for (size_t i = 0; i < made.truth.size(); ++i) {
-    const Vector6 error = StepBetween(walk.frames[i].cam_from_world, made.truth[i]);
+    const Vector6d error = StepBetween(walk.frames[i].cam_from_world, made.truth[i]);
     sum += error.dot(walk.frames[i].covariance.inverse() * error) / 6;
   }
   return sum / static_cast<double>(made.truth.size());
@@ -37,9 +37,9 @@ double MeanNees(const MadeWalk& made, const SmoothedWalk& walk) {
 // From a first pose that is turned by its deviation the odometry leads a meter past the second one.
 TEST(FindAnchors, ATurnOfAPoseMovesWhatIsFarFromIt) {
   constexpr double kTurnDeg = 5;
-  Vector6 turn = Vector6::Zero();
+  Vector6d turn = Vector6d::Zero();
   turn.y() = kRadPerDeg * kTurnDeg;
-  Matrix6 exact = 1e-6 * Matrix6::Identity(), turned = exact;
+  Matrix6d exact = 1e-6 * Matrix6d::Identity(), turned = exact;
   turned.diagonal().head<3>().setConstant(std::pow(kRadPerDeg * kTurnDeg, 2));
   const Rigid3 later{Eigen::Quaterniond::Identity(), Vector3d(0, 0, 10)};
   const std::vector<WalkEvidence> frames = {

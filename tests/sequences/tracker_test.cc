@@ -152,7 +152,7 @@ TEST(SmoothQueries, AWalkThatKnowsNoDirectionIsNoSurePose) {
   const auto confidence = [&](double turn_sigma) {
     SmoothedFrame frame;
     frame.confidence = 1;
-    frame.covariance = 1e-6 * Matrix6::Identity();
+    frame.covariance = 1e-6 * Matrix6d::Identity();
     frame.covariance.diagonal().head<3>().setConstant(turn_sigma * turn_sigma);
     WalkedQuery rescued{inputs.alone[0]};
     TakeFromWalk(frame, inputs.photographs[0], SceneDistances(Scene()), 0, rescued);
@@ -172,7 +172,7 @@ TEST(WriteTrajectory, CovariancesAreTheirUpperTriangleByRows) {
   const auto folder = TestFolder();
   WriteTrajectory(folder, walked);
   const std::string text = ReadFile(folder / "trajectory_covariance.txt");
-  const Matrix6& covariance = *walked.queries[7].localized.estimate.covariance;
+  const Matrix6d& covariance = *walked.queries[7].localized.estimate.covariance;
   std::string expected = "\n7";
   for (Eigen::Index i = 0; i < 6; ++i) {
     for (Eigen::Index k = i; k < 6; ++k) expected += ' ' + FormatDouble(covariance(i, k));

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "geometry/pose_step.h"
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
 
@@ -12,9 +13,6 @@
 
 namespace raylift {
 namespace {
-
-using Vector6 = Eigen::Matrix<double, 6, 1>;
-using Matrix6 = Eigen::Matrix<double, 6, 6>;
 
 // Where nothing says which, a piece of an edge is shown or not with equal odds.
 constexpr double kEvenOdds = 0.5;
@@ -72,10 +70,10 @@ size_t CellOf(const Camera& camera, const Eigen::Vector2d& pixel) {
 }
 
 // The prior as normal equations of the step (w, v).
-void AddPrior(const PosePrior& prior, const Rigid3& pose, Matrix6& normal, Vector6& gradient) {
+void AddPrior(const PosePrior& prior, const Rigid3& pose, Matrix6d& normal, Vector6d& gradient) {
   const double sigma_rad = prior.sigma_deg * std::numbers::pi / 180;
   const double of_turn = 1 / (sigma_rad * sigma_rad);
-  const Vector6 step = StepBetween(prior.cam_from_world, pose);
+  const Vector6d step = StepBetween(prior.cam_from_world, pose);
   const Eigen::Matrix3d rotation = pose.rotation.toRotationMatrix();
   const Eigen::Vector3d of_shift = prior.sigma_position.cwiseAbs2().cwiseInverse();
   const Eigen::Vector3d shift = pose.OriginInSource() - prior.cam_from_world.OriginInSource();
@@ -88,7 +86,7 @@ void AddPrior(const PosePrior& prior, const Rigid3& pose, Matrix6& normal, Vecto
 // A distance between an edge of the scene and one of the photograph.
 struct Residual {
   double distance_px;
-  Vector6 slope;  // d distance / d (w, v)
+  Vector6d slope;  // d distance / d (w, v)
   double length_px;
   double chance_rate;
 };
@@ -135,8 +133,8 @@ double SpreadOf(std::span<const Residual> residuals, double sigma_px) {
 }
 
 struct Equations {
-  Matrix6 normal = Matrix6::Zero();
-  Vector6 gradient = Vector6::Zero();
+  Matrix6d normal = Matrix6d::Zero();
+  Vector6d gradient = Vector6d::Zero();
 };
 
 // Each weighted piece counts by its length in units of a pixel.
@@ -151,19 +149,14 @@ Equations EquationsOf(std::span<const Residual> residuals, double sigma_px) {
   return equations;
 }
 
-Rigid3 Stepped(const Rigid3& pose, const Vector6& step) {
-  const Eigen::Quaterniond turn = RotationFromVector(step.head<3>());
-  return {(turn * pose.rotation).normalized(), turn * pose.translation + step.tail<3>()};
-}
-
 // What independent pixels would give.
-std::optional<Matrix6> CovarianceOf(const Equations& equations, const PosePrior& prior,
-                                    const Rigid3& pose) {
-  Matrix6 normal = equations.normal;
-  Vector6 unused = Vector6::Zero();
+std::optional<Matrix6d> CovarianceOf(const Equations& equations, const PosePrior& prior,
+                                     const Rigid3& pose) {
+  Matrix6d normal = equations.normal;
+  Vector6d unused = Vector6d::Zero();
   AddPrior(prior, pose, normal, unused);
-  const Eigen::LDLT<Matrix6> solver(normal);
-  const Matrix6 covariance = solver.solve(Matrix6::Identity());
+  const Eigen::LDLT<Matrix6d> solver(normal);
+  const Matrix6d covariance = solver.solve(Matrix6d::Identity());
   if (!covariance.allFinite() || !(covariance.diagonal().minCoeff() > 0)) return std::nullopt;
   return covariance;
 }
@@ -221,7 +214,7 @@ std::optional<EdgeFit> FitEdges(const EdgeImage& image, std::span<const SceneEdg
                                 const PosePrior& prior, const Rigid3& start, double reach_px) {
   constexpr int kMaxIterations = 12;
   constexpr double kLeastSigmaPx = 0.3;  // rounding of the picture that the edges were seen in
-  EdgeFit fit{.cam_from_world = start, .covariance = Matrix6::Zero()};
+  EdgeFit fit{.cam_from_world = start, .covariance = Matrix6d::Zero()};
   double sigma_px = std::max(kLeastSigmaPx, reach_px / 3);
   for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
     const auto residuals = ResidualsAt(image, edges, fit.cam_from_world, reach_px);
@@ -230,9 +223,9 @@ std::optional<EdgeFit> FitEdges(const EdgeImage& image, std::span<const SceneEdg
     Equations equations = EquationsOf(residuals, sigma_px);
     AddPrior(prior, fit.cam_from_world, equations.normal, equations.gradient);
     equations.normal.diagonal() *= 1 + 1e-3;
-    const Vector6 step = -equations.normal.ldlt().solve(equations.gradient);
+    const Vector6d step = -equations.normal.ldlt().solve(equations.gradient);
     if (!step.allFinite()) return std::nullopt;
-    fit.cam_from_world = Stepped(fit.cam_from_world, step);
+    fit.cam_from_world = Moved(fit.cam_from_world, step);
   }
   const auto residuals = ResidualsAt(image, edges, fit.cam_from_world, reach_px);
   const auto covariance = CovarianceOf(EquationsOf(residuals, sigma_px), prior, fit.cam_from_world);
@@ -252,7 +245,7 @@ void AddCovarianceByResampling(const EdgeImage& image, std::span<const SceneEdge
     const size_t cell = seen ? CellOf(image.camera(), seen->pixel) : 0;
     blocks.push_back(cell / (2 * kCellsPerSide) * kBlocksPerSide + cell % kCellsPerSide / 2);
   }
-  Matrix6 scatter = Matrix6::Zero();
+  Matrix6d scatter = Matrix6d::Zero();
   int count = 0;
   std::vector<SceneEdge> resampled(edges.begin(), edges.end());
   for (int i = 0; i < kReplicates; ++i) {
@@ -263,7 +256,7 @@ void AddCovarianceByResampling(const EdgeImage& image, std::span<const SceneEdge
     }
     const auto other = FitEdges(image, resampled, prior, fit.cam_from_world, reach_px);
     if (!other) continue;
-    const Vector6 step = StepBetween(fit.cam_from_world, other->cam_from_world);
+    const Vector6d step = StepBetween(fit.cam_from_world, other->cam_from_world);
     scatter += step * step.transpose();
     ++count;
   }

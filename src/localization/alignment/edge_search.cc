@@ -10,6 +10,7 @@
 
 #include "base/rng.h"
 #include "base/statistics.h"
+#include "geometry/pose_step.h"
 #include <Eigen/Cholesky>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
@@ -18,8 +19,6 @@
 
 namespace raylift {
 namespace {
-
-using Vector6 = Eigen::Matrix<double, 6, 1>;
 
 constexpr double kRadPerDeg = std::numbers::pi / 180;
 
@@ -302,7 +301,7 @@ double ConfidenceOf(const FoundByEdges& found) {
   double right = std::max(0.0, 1 - static_cast<double>(found.num_tried) * tail(best.cells));
   for (size_t i = 1; i < found.modes.size(); ++i) {
     const EdgeMode& other = found.modes[i];
-    const Vector6 step = StepBetween(best.fit.cam_from_world, other.fit.cam_from_world);
+    const Vector6d step = StepBetween(best.fit.cam_from_world, other.fit.cam_from_world);
     if (step.dot(best.fit.covariance.ldlt().solve(step)) < kSameMode) continue;
     right *= 1 - tail(best.cells - other.cells);
   }

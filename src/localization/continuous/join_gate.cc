@@ -5,6 +5,7 @@
 #include <numbers>
 #include <string_view>
 
+#include "geometry/pose_step.h"
 #include "localization/fields.h"
 #include <Eigen/Geometry>
 #include <fmt/format.h>
@@ -17,8 +18,6 @@ namespace raylift {
 namespace {
 
 constexpr double kDegPerRad = 180 / std::numbers::pi;
-
-using Vector6d = Eigen::Matrix<double, 6, 1>;
 
 }  // namespace
 

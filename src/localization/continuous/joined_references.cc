@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "base/statistics.h"
+#include "geometry/pose_step.h"
 #include "geometry/triangulation.h"
 #include <Eigen/Geometry>
 
@@ -39,16 +40,6 @@ std::optional<double> DistanceByRays(const PoseProblem& problem, const Rigid3& c
   if (!approach || !(approach->sine > kMinSine)) return std::nullopt;
   if (!(approach->ray_t_a > 0 && approach->ray_t_b > 0)) return std::nullopt;
   return approach->ray_t_a;
-}
-
-// The step (w, v) of b's camera frame that a step of a's makes where both move with the world.
-PoseCovariance Adjoint(const Rigid3& b_from_a) {
-  const Eigen::Matrix3d R = b_from_a.rotation.toRotationMatrix();
-  PoseCovariance adjoint = PoseCovariance::Zero();
-  adjoint.topLeftCorner<3, 3>() = R;
-  adjoint.bottomRightCorner<3, 3>() = R;
-  adjoint.bottomLeftCorner<3, 3>() = Skew(b_from_a.translation) * R;
-  return adjoint;
 }
 
 }  // namespace
@@ -176,7 +167,7 @@ PoseCovariance JoinedReferences::PassedOn(const QueryResult& result) const {
     const Entry* entry = Find(problem.references[r].name);
     if (entry == nullptr || !entry->reference.covariance || !(total > 0)) continue;
     const PoseCovariance adjoint =
-        Adjoint(*estimate.cam_from_world * problem.references[r].cam_from_world.Inverse());
+        StepAdjoint(*estimate.cam_from_world * problem.references[r].cam_from_world.Inverse());
     const double share = weights[r] / total;
     sum += share * (adjoint * *entry->reference.covariance * adjoint.transpose());
     joined_share += share;
