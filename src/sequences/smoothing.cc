@@ -63,10 +63,16 @@ class WalkGraph {
  public:
   // `scale` is known or about right.
   WalkGraph(std::span<const WalkEvidence> frames, double scale, bool scale_is_known)
-      : frames_(frames), scale_is_known_(scale_is_known), amounts_(StepAmounts(frames)) {
+      : frames_(frames),
+        scale_is_known_(scale_is_known),
+        amounts_(StepAmounts(frames)),
+        steps_(frames.size()) {
     for (const WalkEvidence& frame : frames) {
       singles_.emplace_back(frame.single ? Matrix6d(frame.single->covariance.inverse())
                                          : Matrix6d(Matrix6d::Identity()));
+    }
+    for (size_t i = 1; i < frames.size(); ++i) {
+      steps_[i] = OdometryStep(frames[i].cam_from_odometry, frames[i - 1].cam_from_odometry, 1);
     }
     log_scale_ = prior_log_scale_ = std::log(scale);
     extent_ = ExtentOf(frames, Scale());
@@ -94,6 +100,7 @@ class WalkGraph {
       }
     }
     poses_ = FromAnchors(anchors);
+    MakeMixtures();
     return true;
   }
 
@@ -120,7 +127,7 @@ class WalkGraph {
       frame.covariance = covariance->diagonal[i];
       frame.lost_before = lost_steps_[i] > 0;
       if (!frames_[i].single) continue;
-      const auto shares = OfSingle(i).At(SingleError(i, poses_[i])).shares;
+      const auto shares = of_singles_[i].At(SingleError(i, poses_[i])).shares;
       frame.single_agrees = shares[0] + shares[1];
     }
     return walk;
@@ -129,8 +136,9 @@ class WalkGraph {
  private:
   double Scale() const { return std::exp(log_scale_); }
   Rigid3 Step(size_t i, double log_scale) const {
-    return OdometryStep(frames_[i].cam_from_odometry, frames_[i - 1].cam_from_odometry,
-                        std::exp(log_scale));
+    Rigid3 step = steps_[i];
+    step.translation *= std::exp(log_scale);
+    return step;
   }
   Rigid3 Step(size_t i) const { return Step(i, log_scale_); }
 
@@ -155,6 +163,16 @@ class WalkGraph {
       poses[i - 1] = Step(i).Inverse() * poses[i];
     }
     return poses;
+  }
+
+  // What the errors may be with the noise as it is.
+  void MakeMixtures() {
+    of_singles_.clear();
+    of_steps_.clear();
+    for (size_t i = 0; i < frames_.size(); ++i) {
+      of_singles_.push_back(frames_[i].single ? OfSingle(i) : Mixture());
+      of_steps_.push_back(i > 0 ? OfStep(i) : Mixture());
+    }
   }
 
   // e of a frame's own pose, and what it may be: right, right but less exact, anywhere.
@@ -210,8 +228,8 @@ class WalkGraph {
   double Cost(const std::vector<Rigid3>& poses, double log_scale) const {
     double cost = 0;
     for (size_t i = 0; i < poses.size(); ++i) {
-      if (frames_[i].single) cost += OfSingle(i).At(SingleError(i, poses[i])).cost;
-      if (i > 0) cost += OfStep(i).At(StepError(i, poses[i - 1], poses[i], log_scale)).cost;
+      if (frames_[i].single) cost += of_singles_[i].At(SingleError(i, poses[i])).cost;
+      if (i > 0) cost += of_steps_[i].At(StepError(i, poses[i - 1], poses[i], log_scale)).cost;
     }
     const double off = (log_scale - prior_log_scale_) / kPriorLogScale;
     return cost + off * off;
@@ -222,12 +240,12 @@ class WalkGraph {
     for (size_t i = 0; i < poses.size(); ++i) {
       if (frames_[i].single) {
         const Vector6d error = SingleError(i, poses[i]);
-        equations.Add(i, error, OfMoved(error), OfSingle(i).At(error).information);
+        equations.Add(i, error, OfMoved(error), of_singles_[i].At(error).information);
       }
       if (i == 0) continue;
       const Vector6d error = StepError(i, poses[i - 1], poses[i], log_scale);
       equations.AddStep(i, error, StepJacobians(i, poses, error, log_scale),
-                        OfStep(i).At(error).information);
+                        of_steps_[i].At(error).information);
     }
     constexpr double kInformation = 1 / (kPriorLogScale * kPriorLogScale);
     equations.corner += kInformation;
@@ -239,8 +257,10 @@ class WalkGraph {
   void MinimizePoses(int iterations) {
     double damping = 1e-6;
     double cost = Cost(poses_, log_scale_);
+    std::optional<ChainEquations> equations;  // at poses_ and log_scale_
     for (int iteration = 0; iteration < iterations && damping < 1e6; ++iteration) {
-      const auto solution = Solve(Equations(poses_, log_scale_), damping);
+      if (!equations) equations = Equations(poses_, log_scale_);
+      const auto solution = Solve(*equations, damping);
       if (!solution) {
         damping *= 10;
         continue;
@@ -256,6 +276,7 @@ class WalkGraph {
       const bool converged = cost - moved_cost < 1e-9 * (1 + std::abs(cost));
       poses_ = std::move(moved);
       log_scale_ = log_scale;
+      equations.reset();
       cost = moved_cost;
       damping = std::max(1e-9, 0.1 * damping);
       if (converged) break;
@@ -285,6 +306,7 @@ class WalkGraph {
                                rotation.Over(prior_noise_.rotation_variance, kPriorWeight)});
     const double factor_before =
         std::exchange(single_factor_, std::clamp(single.Over(1, kPriorFactorWeight), 0.5, 100.0));
+    MakeMixtures();
     constexpr double kSame = 0.01;
     const auto differ = [](double a, double b) { return std::abs(std::log(a / b)) > kSame; };
     return differ(before.position_variance, noise_.position_variance) ||
@@ -294,7 +316,7 @@ class WalkGraph {
 
   void CountSingle(size_t i, const ChainCovariance& covariance, Variance& single) const {
     const Vector6d error = SingleError(i, poses_[i]);
-    const auto shares = OfSingle(i).At(error).shares;
+    const auto shares = of_singles_[i].At(error).shares;
     const double share = shares[0] + shares[1] / kBroadVariance;
     const Matrix6d& information = singles_[i].matrix;
     single.squares += share * error.dot(information * error);
@@ -305,7 +327,7 @@ class WalkGraph {
   void CountStep(size_t i, const ChainCovariance& covariance, Variance& rotation,
                  Variance& position) const {
     const Vector6d error = StepError(i, poses_[i - 1], poses_[i], log_scale_);
-    const auto shares = OfStep(i).At(error).shares;
+    const auto shares = of_steps_[i].At(error).shares;
     const double share = (shares[0] + shares[1] / kBroadVariance) / amounts_[i];
     const auto J = StepJacobians(i, poses_, error, log_scale_);
     const Matrix6d across = J.of_frame * covariance.below[i] * J.of_before.transpose();
@@ -322,6 +344,7 @@ class WalkGraph {
   std::span<const WalkEvidence> frames_;
   bool scale_is_known_;
   std::vector<double> amounts_;
+  std::vector<Rigid3> steps_;         // the odometry's, in its units; nothing at 0
   std::vector<Information> singles_;  // of each frame's own pose
   double extent_ = 1;
   double log_anywhere_ = 0;
@@ -332,6 +355,7 @@ class WalkGraph {
   double single_factor_ = 1;
   std::vector<size_t>
       lost_steps_;  // how many steps the odometry may have been lost in; 0: it was not
+  std::vector<Mixture> of_singles_, of_steps_;
   std::vector<Rigid3> poses_;
   double log_scale_ = 0;
 };
@@ -434,15 +458,17 @@ void Judge(std::span<const WalkEvidence> frames, std::vector<SmoothedFrame>& smo
 
 // The scale that pairs of frames tell, where it is not the known one.
 std::optional<double> ContradictingScale(std::span<const WalkEvidence> frames,
-                                         std::optional<double> by_pairs, const SmoothedWalk& walk) {
+                                         const SmoothedWalk& walk) {
   constexpr double kSame = 1.2;
-  if (!by_pairs || (*by_pairs<kSame&& * by_pairs> 1 / kSame)) return std::nullopt;
   size_t with_pose = 0, agreeing = 0;
   for (size_t i = 0; i < walk.frames.size(); ++i) {
     with_pose += frames[i].single ? 1 : 0;
     agreeing += Agrees(walk.frames[i]) ? 1 : 0;
   }
-  return 2 * agreeing < with_pose ? by_pairs : std::nullopt;
+  if (2 * agreeing >= with_pose) return std::nullopt;
+  const std::optional<double> by_pairs = ScaleByPairs(frames);
+  const bool is_other = by_pairs && std::max(*by_pairs, 1 / *by_pairs) >= kSame;
+  return is_other ? by_pairs : std::nullopt;
 }
 
 }  // namespace
@@ -450,14 +476,14 @@ std::optional<double> ContradictingScale(std::span<const WalkEvidence> frames,
 SmoothedWalk SmoothWalk(std::span<const WalkEvidence> frames, OdometryScale scale) {
   RAYLIFT_CHECK(frames.size() >= 2);
   const bool is_known = scale == OdometryScale::kKnown;
-  const std::optional<double> by_pairs = ScaleByPairs(frames);
-  if (!is_known && !by_pairs) return {.scale_is_observable = false};
-  WalkGraph graph(frames, is_known ? 1 : *by_pairs, is_known);
+  const std::optional<double> start = is_known ? 1 : ScaleByPairs(frames);
+  if (!start) return {.scale_is_observable = false};
+  WalkGraph graph(frames, *start, is_known);
   if (!graph.Begin()) return {};
   graph.Minimize();
   SmoothedWalk walk = graph.Result();
   Judge(frames, walk.frames);
-  if (is_known) walk.contradicting_scale = ContradictingScale(frames, by_pairs, walk);
+  if (is_known) walk.contradicting_scale = ContradictingScale(frames, walk);
   return walk;
 }
 
