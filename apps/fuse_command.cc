@@ -14,6 +14,7 @@
 #include "base/progress.h"
 #include "lifting/alignment_text.h"
 #include "localization/calibration_images.h"
+#include "mapping/fields.h"
 #include "views/vertex_coloring.h"
 #include <fmt/format.h>
 
@@ -59,6 +60,7 @@ void Check(const FuseFlags& flags) {
                       "expected depth maps, a mesh, a point cloud or splats: the points of a model "
                       "are no surface");
   }
+  CheckRanges(ConstFieldsOf(flags.fusion));
   RequireAtLeast("--max-side", flags.max_side_px, 1);
   if (!(flags.memory_gb > 0)) {
     throw OptionError("--memory", fmt::format("{}", flags.memory_gb), "must be positive");
@@ -145,14 +147,7 @@ void Run(const FuseFlags& flags) {
 
 void AddFusionOptions(CLI::App& command, FuseFlags& flags) {
   const OptionGroup group(command, "Fusion");
-  group.Add("--voxel", flags.fusion.voxel,
-            "Distance between points of the grid, scene units (default: two pixels on\n"
-            "the surface, or what the views disagree by where that is more)");
-  group.Add("--truncation", flags.fusion.truncation,
-            "Distances from the surface are cut off there, scene units (default: 4\n"
-            "voxels, or 3 times what the views disagree by)");
-  group.Add("--min-piece", flags.fusion.min_piece_voxels,
-            "Leave out pieces of less surface than a square of so many voxels' side");
+  group.Add(FieldsOf(flags.fusion));
   group.Add("--max-side", flags.max_side_px,
             "Look at surfaces through references of at most this many pixels' side;\n"
             "depth maps are taken at their own size");

@@ -9,6 +9,7 @@
 
 #include "lifting/source_view.h"
 #include "mapping/distance_grid.h"
+#include "mapping/fields.h"
 #include "mapping/view_planes.h"
 #include <fmt/format.h>
 
@@ -26,17 +27,6 @@ constexpr double kVoxelPixels = 2;
 constexpr double kTruncationVoxels = 4;
 constexpr double kTruncationSigmas = 3;
 constexpr double kLeastTruncationVoxels = 2, kMostTruncationVoxels = 50;
-
-// Throws OptionError.
-void Check(const FusionOptions& options) {
-  const auto require_positive = [](const char* name, const std::optional<double>& value) {
-    if (value && !(*value > 0 && std::isfinite(*value))) {
-      throw OptionError(name, fmt::format("{}", *value), "must be positive");
-    }
-  };
-  require_positive("voxel", options.voxel);
-  require_positive("truncation", options.truncation);
-}
 
 double VoxelOf(const FusionOptions& options, const ViewScale& scale) {
   return options.voxel.value_or(std::max(kVoxelPixels * scale.pixel_width, scale.noise));
@@ -117,6 +107,21 @@ void DropSmallPieces(double least_area, ZeroSurface& surface) {
 
 }  // namespace
 
+std::vector<Field> FieldsOf(FusionOptions& options) {
+  return {
+      {"voxel", options.voxel,
+       "Distance between points of the grid, scene units (default: two pixels on\n"
+       "the surface, or what the views disagree by where that is more)",
+       kPositive},
+      {"truncation", options.truncation,
+       "Distances from the surface are cut off there, scene units (default: 4\n"
+       "voxels, or 3 times what the views disagree by)",
+       kPositive},
+      {"min_piece", options.min_piece_voxels,
+       "Leave out pieces of less surface than a square of so many voxels' side", kAtLeastZero},
+  };
+}
+
 void RequireFusion() {
   if (CanFuse()) return;
   throw OptionError(
@@ -144,7 +149,7 @@ std::vector<PosedImage> ViewsToFuse(const NamedGeometry& geometry,
 FusedMesh FuseViews(const GeometrySource& source, std::span<const PosedImage> views,
                     const FusionOptions& options) {
   RequireFusion();
-  Check(options);
+  CheckRanges(ConstFieldsOf(options));
   FusedMesh fused;
   fused.scale = MeasureScale(source, views, options.threads);
   if (fused.scale.pixel_width == 0) {

@@ -87,6 +87,7 @@ TEST_F(Fuse, SaysWhatIsWrong) {
   };
   EXPECT_TRUE(fails({"--images is required"}, {"--align-depth", "grid"}));
   EXPECT_TRUE(fails({"--voxel = -1", "must be positive"}, {"--voxel=-1"}));
+  EXPECT_TRUE(fails({"--min-piece = -1", "must be at least 0"}, {"--min-piece=-1"}));
   EXPECT_TRUE(fails({"--voxel", "GB", "a quarter"}, {"--voxel", "0.001", "--memory", "0.01"}));
   EXPECT_TRUE(fails({"--truncation", "voxels"}, {"--voxel", "0.05", "--truncation", "0.01"}));
   EXPECT_TRUE(fails({"--max-side"}, {"--max-side", "0"}));

@@ -273,6 +273,8 @@ std::string MessageOf(const FusionOptions& options, const Room& room = Room()) {
 
 TEST_F(Fusion, SaysWhatCannotBe) {
   EXPECT_NE(MessageOf<OptionError>({.voxel = -1}).find("voxel = -1"), std::string::npos);
+  EXPECT_NE(MessageOf<OptionError>({.min_piece_voxels = -1}).find("min_piece = -1"),
+            std::string::npos);
   EXPECT_NE(MessageOf<OptionError>({.voxel = 0.05, .truncation = 9}).find("2 to 50 voxels"),
             std::string::npos);
   EXPECT_NE(MessageOf<OptionError>({.voxel = 0.01, .max_bytes = 1000000}).find("a quarter"),
