@@ -27,9 +27,6 @@ struct LocalizeRequest {
   std::string picture_bytes = {};  // of the photograph's file, where there is one
 };
 
-// Pixels of a photograph as its header claims them.
-inline constexpr uint64_t kUsualMaxPixels = 64'000'000;
-
 // Reads the body of a request:
 //
 //   multipart/form-data   a part "image", the photograph's file, and a part "query", JSON

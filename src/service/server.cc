@@ -201,8 +201,6 @@ Server::Server(OpenScenes open, const ServerOptions& options)
 
 Server::~Server() = default;
 
-int Server::port() const { return impl_->endpoint().port(); }
-
 std::string Server::url() const {
   const tcp::endpoint endpoint = impl_->endpoint();
   std::string address = endpoint.address().to_string();

@@ -60,10 +60,8 @@ void Tokens::Admit(std::string_view authorization, Time now) {
   constexpr double kSecondsPerMinute = 60;
   const double rate = *found->per_minute / kSecondsPerMinute;
   const double most = std::max(1.0, *found->per_minute);
-  if (found->counted != Time()) {
-    const std::chrono::duration<double> passed = now - found->counted;
-    found->left = std::min(most, found->left + passed.count() * rate);
-  }
+  const std::chrono::duration<double> passed = now - found->counted;
+  found->left = std::min(most, found->left + passed.count() * rate);
   found->counted = now;
   if (found->left < 1) {
     Problem problem(429, "Authorization", "the token's requests of this minute are used up");

@@ -14,17 +14,14 @@ WorkQueue::WorkQueue(int threads, size_t most_waiting) : most_waiting_(most_wait
   try {
     for (int i = 0; i < count; ++i) threads_.emplace_back([this] { Serve(); });
   } catch (const std::system_error& error) {
-    {
-      const std::lock_guard lock(mutex_);
-      ends_ = true;
-    }
-    changed_.notify_all();
-    for (std::thread& thread : threads_) thread.join();
+    End();
     throw ResourceError(error.what());
   }
 }
 
-WorkQueue::~WorkQueue() {
+WorkQueue::~WorkQueue() { End(); }
+
+void WorkQueue::End() {
   {
     const std::lock_guard lock(mutex_);
     ends_ = true;

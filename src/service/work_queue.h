@@ -40,6 +40,7 @@ class WorkQueue {
     bool is_new;
   };
   void Serve();
+  void End();
 
   const size_t most_waiting_;
   mutable std::mutex mutex_;  // guards what follows

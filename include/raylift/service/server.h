@@ -72,7 +72,6 @@ class Server {
   Server(const Server&) = delete;
   Server& operator=(const Server&) = delete;
 
-  int port() const;
   std::string url() const;  // "http://127.0.0.1:8080"
 
   // Answers until Stop(), SIGTERM or SIGINT; then takes no more requests, answers those that are
