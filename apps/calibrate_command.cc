@@ -20,6 +20,7 @@ void Run(LocalizeFlags flags) {
   const std::filesystem::path file = flags.out;
   flags.out = file.parent_path();  // for the caches
   flags.Check();
+  flags.min_confidence = 0;  // noise is that of all poses
   RequireWritable(file);
   Scene scene;
   UntilSignal([&] {
@@ -28,10 +29,7 @@ void Run(LocalizeFlags flags) {
     scene = Calibrate(inputs.scene,
                       OpenMatchesOf(flags, inputs.scene, inputs.queries, flags.estimator.seed),
                       inputs.queries,
-                      {.localizer = {.estimator = flags.estimator,
-                                     .filter = flags.filter,
-                                     .geometry_mode = flags.geometry.mode,
-                                     .candidates = flags.geometry.candidates},
+                      {.localizer = flags.Localizer(),
                        .align = flags.geometry.align,
                        .noise_by = CalibratedBy::kQueries,
                        .any_filter = true,

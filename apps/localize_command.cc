@@ -331,13 +331,8 @@ Command AddLocalizeCommand(CLI::App& program) {
   AddLocalizeOptions(command, *flags);
   return {&command, [flags, &command] {
             flags->Check();
-            const LocalizerOptions localizer{.estimator = flags->estimator,
-                                             .filter = flags->filter,
-                                             .geometry_mode = flags->geometry.mode,
-                                             .min_confidence = flags->min_confidence,
-                                             .candidates = flags->geometry.candidates};
             LocalizeRun(*flags,
-                        {.localizer = localizer,
+                        {.localizer = flags->Localizer(),
                          .align = flags->geometry.align,
                          .check_input = !flags->no_doctor,
                          .one_by_one = flags->continuous.enabled,

@@ -16,6 +16,7 @@
 #include "localization/continuous/join_gate.h"
 
 #include "raylift/estimation/options.h"
+#include "raylift/localization/localizer.h"
 #include "raylift/localization/scene.h"
 #include "raylift/scene/photographs.h"
 #include "raylift/sequences/smoothing.h"
@@ -90,6 +91,14 @@ struct LocalizeFlags {
 
   // The priors are what the photographs say of themselves.
   bool PriorsOfPhotographs() const { return priors == "exif"; }
+
+  LocalizerOptions Localizer() const {
+    return {.estimator = estimator,
+            .filter = filter,
+            .geometry_mode = geometry.mode,
+            .min_confidence = min_confidence,
+            .candidates = geometry.candidates};
+  }
 
   // Whose poses queries have.
   RetrievalFlags::Queries QueriesAre() const {

@@ -91,11 +91,7 @@ ServedScene Open(const ServeFlags& serve, const std::filesystem::path& file) {
   PrintWarnings(scene.warnings);
   const std::shared_ptr<const MatchSource> matches =
       OpenMatchesOf(flags, scene, {}, flags.estimator.seed);
-  const LocalizerOptions options{.estimator = flags.estimator,
-                                 .filter = flags.filter,
-                                 .geometry_mode = flags.geometry.mode,
-                                 .min_confidence = flags.min_confidence,
-                                 .candidates = flags.geometry.candidates};
+  const LocalizerOptions options = flags.Localizer();
   scene = Calibrate(
       scene, matches, {},
       {.localizer = options, .align = flags.geometry.align, .threads = flags.run.threads});
