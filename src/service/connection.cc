@@ -177,26 +177,23 @@ void Connection::Submit() {
 }
 
 void Connection::BeginWatch() {
-  is_gone_ = std::make_shared<std::atomic<bool>>(false);
   watch_ = {.deadline = AnswerWatch::Clock::now() + Milliseconds(shared_.options.limits.answer_s),
-            .is_gone = is_gone_};
+            .is_gone = std::make_shared<std::atomic<bool>>(false)};
 }
 
 void Connection::NoteIfGone() {
   stream_.socket().async_wait(tcp::socket::wait_read,
-                              [self = shared_from_this(), gone = is_gone_](error_code error) {
-                                if (error || self->is_gone_ != gone) return;
+                              [self = shared_from_this(), gone = watch_.is_gone](error_code error) {
+                                if (error || self->watch_.is_gone != gone) return;
                                 const size_t available = self->stream_.socket().available(error);
                                 if (error || available == 0) *gone = true;
                               });
 }
 
 void Connection::OnBatch(Service::BegunBatch begun) {
-  if (begun.refusal) return Write(std::move(*begun.refusal));
   batch_ = std::move(begun.batch);
-  HttpAnswer head{.content_type = "application/x-ndjson"};
-  shared_.service.Complete(batch_->request, head);
-  SetResponse(head);
+  if (!batch_) return Write(std::move(begun.answer));
+  SetResponse(begun.answer);
   response_.chunked(true);
   stream_.expires_after(Milliseconds(shared_.options.limits.write_s));
   streamed_.emplace(response_);
@@ -258,7 +255,7 @@ void Connection::Write(HttpAnswer answer) {
 }
 
 void Connection::OnWritten(const error_code& error) {
-  is_gone_.reset();
+  watch_.is_gone.reset();
   runs_batch_ = false;
   request_ = {};
   parser_.reset();  // and with it a body that was refused

@@ -180,7 +180,6 @@ class Connection : public std::enable_shared_from_this<Connection> {
   std::optional<http::request_parser<GrowingBody>> parser_;
   HttpRequest request_;
   size_t held_bytes_ = 0;
-  std::shared_ptr<std::atomic<bool>> is_gone_;  // null: no work is done for it
   AnswerWatch watch_;
   http::response<http::string_body> response_;
   std::unique_ptr<Service::Batch> batch_;  // null: it has asked for none

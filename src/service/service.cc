@@ -298,9 +298,11 @@ Service::BegunBatch Service::BeginBatch(HttpRequest request) {
       batch->scene = SceneOf(batch->request);
       batch->photographs = ReadBatchRequest(batch->request.content_type, batch->request.body);
     });
-    return {.refusal = std::nullopt, .batch = std::move(batch)};
+    HttpAnswer head{.content_type = "application/x-ndjson"};
+    Complete(batch->request, head);
+    return {.answer = std::move(head), .batch = std::move(batch)};
   } catch (const Problem& problem) {
-    return {.refusal = Refuse(batch->request, problem), .batch = nullptr};
+    return {.answer = Refuse(batch->request, problem), .batch = nullptr};
   }
 }
 

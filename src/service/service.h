@@ -40,7 +40,7 @@ struct HttpAnswer {
 struct AnswerWatch {
   using Clock = std::chrono::steady_clock;
   Clock::time_point deadline;
-  std::shared_ptr<const std::atomic<bool>> is_gone;  // the client
+  std::shared_ptr<std::atomic<bool>> is_gone;  // the client; null: no work is done for it
 
   // Throws Problem where nobody does.
   void Check() const;
@@ -77,8 +77,8 @@ class Service {
     bool AtEnd() const { return next == photographs.photographs.size(); }
   };
   struct BegunBatch {
-    std::optional<HttpAnswer> refusal;  // where there is one, there is no batch
-    std::unique_ptr<Batch> batch;
+    HttpAnswer answer;             // whose body follows where there is a batch
+    std::unique_ptr<Batch> batch;  // null: the request was refused
   };
   BegunBatch BeginBatch(HttpRequest request);
   // A line for the next photograph: its answer, or its name and what was wrong with it.
@@ -86,12 +86,12 @@ class Service {
 
   // Returns the answer that tells a problem, and counts it.
   HttpAnswer Refuse(const HttpRequest& request, const Problem& problem);
-  // Counts an answer and adds what belongs to all of them.
-  void Complete(const HttpRequest& request, HttpAnswer& answer);
 
  private:
   using OpenedScenes = std::map<std::string, std::shared_ptr<const Opened>>;
 
+  // Counts an answer and adds what belongs to all of them.
+  void Complete(const HttpRequest& request, HttpAnswer& answer);
   std::shared_ptr<const OpenedScenes> Scenes() const;
   std::shared_ptr<const Opened> SceneOf(const HttpRequest& request) const;
   HttpAnswer Get(std::string_view path, bool is_ready, const ReadGauges& gauges) const;
