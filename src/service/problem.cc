@@ -40,14 +40,16 @@ Problem ProblemOfInput(const std::string& message) {
   return {400, std::move(field), message};
 }
 
-std::string ProblemJson(const Problem& problem) {
+nlohmann::ordered_json ProblemObject(const Problem& problem) {
   nlohmann::ordered_json json = {{"type", "about:blank"},
                                  {"title", PhraseOf(problem.status())},
                                  {"status", problem.status()},
                                  {"detail", problem.what()}};
   if (!problem.field().empty()) json["field"] = problem.field();
-  return JsonText(json);
+  return json;
 }
+
+std::string ProblemJson(const Problem& problem) { return JsonText(ProblemObject(problem)); }
 
 const char* PhraseOf(int status) {
   constexpr std::pair<int, const char*> kPhrases[] = {{200, "OK"},

@@ -7,6 +7,8 @@
 #include <stdexcept>
 #include <string>
 
+#include <nlohmann/json_fwd.hpp>
+
 namespace raylift {
 
 class Problem : public std::runtime_error {
@@ -33,6 +35,7 @@ Problem TryLater(int status, const std::string& detail);
 // the field query.camera.
 Problem ProblemOfInput(const std::string& message);
 
+nlohmann::ordered_json ProblemObject(const Problem& problem);
 std::string ProblemJson(const Problem& problem);
 
 // "Bad Request" of 400.

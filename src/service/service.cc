@@ -101,10 +101,6 @@ std::string ServerTiming(const StageTimes& times) {
   return text;
 }
 
-std::string NameList(const std::vector<std::string>& names) {
-  return fmt::format("{}", fmt::join(names, "|"));
-}
-
 }  // namespace
 
 std::map<std::string, std::string> ParseParameters(std::string_view target) {
@@ -160,20 +156,23 @@ std::shared_ptr<const Service::OpenedScenes> Service::Scenes() const {
 
 std::shared_ptr<const Service::Opened> Service::SceneOf(const HttpRequest& request) const {
   const auto scenes = Scenes();
-  std::vector<std::string> names;
-  for (const auto& [name, scene] : *scenes) names.push_back(name);
+  const auto expected = [&] {
+    std::vector<std::string_view> names;
+    for (const auto& [name, scene] : *scenes) names.push_back(name);
+    return fmt::format("expected {}", fmt::join(names, "|"));
+  };
   std::optional<std::string> wanted;
   for (const auto& [name, value] : ParseParameters(request.target)) {
     if (name != "scene") throw Problem(400, name, name + ": is not known here; expected scene");
     wanted = value;
   }
   if (!wanted) {
-    if (names.size() == 1) return scenes->begin()->second;
-    throw Problem(400, "scene", "scene: is required: expected " + NameList(names));
+    if (scenes->size() == 1) return scenes->begin()->second;
+    throw Problem(400, "scene", "scene: is required: " + expected());
   }
   const auto found = scenes->find(*wanted);
   if (found != scenes->end()) return found->second;
-  throw Problem(404, "scene", "scene: expected " + NameList(names));
+  throw Problem(404, "scene", "scene: " + expected());
 }
 
 std::optional<HttpAnswer> Service::AnswerHead(const HttpRequest& head, bool is_ready,
@@ -319,10 +318,9 @@ std::string Service::Next(Batch& batch, const AnswerWatch& watch) {
       return FormatQueryDiagnostics(Run(*batch.scene, std::move(read), watch)) + '\n';
     });
   } catch (const Problem& problem) {
-    nlohmann::ordered_json line = {
-        {"name", batch.photographs.photographs[index].name},
-        {"status", "refused"},
-        {"problem", nlohmann::ordered_json::parse(ProblemJson(problem))}};
+    nlohmann::ordered_json line = {{"name", batch.photographs.photographs[index].name},
+                                   {"status", "refused"},
+                                   {"problem", ProblemObject(problem)}};
     return JsonText(line) + '\n';
   }
 }
