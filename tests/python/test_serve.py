@@ -1,8 +1,11 @@
 """raylift serve: the answers of the command line, to many clients at once."""
 
 import base64
+import functools
 import json
+import operator
 import random
+import re
 import subprocess
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -73,6 +76,8 @@ def test_what_it_is_and_holds(server):
     api = json.loads(server.ask("/openapi.json")[2])
     for path in api["paths"]:
         assert server.ask(path)[0] in (200, 405)
+    for reference in re.findall(r'"\$ref": "#/([^"]*)"', json.dumps(api)):
+        functools.reduce(operator.getitem, reference.split("/"), api)  # there is such a part
     assert b"<title>Raylift" in server.ask("/")[2]
     server.localize(sorted(QUERIES)[0])
     metrics = server.ask("/metrics")[2].decode()
