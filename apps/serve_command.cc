@@ -16,6 +16,7 @@
 #include <sys/resource.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/text.h"
 #include "raylift/io/scene_file.h"
 #include "raylift/localization/scene_calibration.h"
 #include "raylift/service/server.h"
@@ -23,17 +24,10 @@
 namespace raylift {
 namespace {
 
-void RequireBetween(const char* option, double value, double least, double most) {
-  if (value >= least && value <= most) return;
-  throw OptionError(option, fmt::format("{}", value),
-                    fmt::format("must lie between {} and {}", least, most));
-}
-
 struct ServeFlags {
   std::vector<std::filesystem::path> scenes;
   LocalizeFlags localize;  // what all scenes have in common
   ServerOptions server;
-  double body_mb = 32, held_mb = 512, megapixels = 64;
 
   void Check() const {
     localize.estimator.Validate();
@@ -42,23 +36,23 @@ struct ServeFlags {
     localize.run.Check();
     RequireAtLeast("--max-connections", server.limits.connections, 1);
     RequireAtLeast("--max-queue", static_cast<double>(server.limits.queue), 1);
-    constexpr double kShortest = 0.001, kDay = 86'400, kSmallest = 1e-6, kMost = 1e6;
-    RequireBetween("--deadline", server.limits.answer_s, kShortest, kDay);
-    RequireBetween("--header-deadline", server.limits.header_s, kShortest, kDay);
-    RequireBetween("--body-deadline", server.limits.body_s, kShortest, kDay);
-    RequireBetween("--max-body-mb", body_mb, kSmallest, kMost);
-    RequireBetween("--max-held-mb", held_mb, kSmallest, kMost);
-    RequireBetween("--max-megapixels", megapixels, kSmallest, kMost);
-    const auto refuse_several = [&](const char* option, const std::string& value) {
-      if (value.empty() || scenes.size() == 1) return;
-      throw OptionError(option, value, "is of one scene, but there are several");
-    };
-    refuse_several("--scene-calibration", localize.scene_calibration.string());
+    if (!localize.scene_calibration.empty() && scenes.size() != 1) {
+      throw OptionError("--scene-calibration", localize.scene_calibration.string(),
+                        "is of one scene, but there are several");
+    }
   }
 };
 
+double ParseBetween(std::string_view option, const std::string& text, double least, double most) {
+  const auto value = ParseDouble(text);
+  if (value && *value >= least && *value <= most) return *value;
+  throw OptionError(option, text, fmt::format("must lie between {} and {}", least, most));
+}
+
 double ParseSeconds(std::string_view option, const std::string& text) {
-  return ParsePositive(option, text.ends_with('s') ? text.substr(0, text.size() - 1) : text);
+  constexpr double kShortest = 0.001, kDay = 86'400;
+  return ParseBetween(option, text.ends_with('s') ? text.substr(0, text.size() - 1) : text,
+                      kShortest, kDay);
 }
 
 // The name in the file, else the file's folder or its own name.
@@ -110,10 +104,6 @@ void AllowManyFiles() {
 
 void Serve(ServeFlags flags) {
   flags.Check();
-  constexpr double kBytesPerMb = 1 << 20, kPixelsPerMegapixel = 1e6;
-  flags.server.limits.body_bytes = static_cast<size_t>(flags.body_mb * kBytesPerMb);
-  flags.server.limits.held_bytes = static_cast<size_t>(flags.held_mb * kBytesPerMb);
-  flags.server.limits.pixels = static_cast<uint64_t>(flags.megapixels * kPixelsPerMegapixel);
   flags.server.threads = flags.localize.run.threads;
   flags.server.log = [](const std::string& message) { PrintWarning(message); };
   AllowManyFiles();
@@ -144,19 +134,30 @@ void AddServerOptions(CLI::App& command, ServeFlags& flags) {
             "Origin of web pages that may ask from browsers (https://example.org)");
   group.Add("--keep", server.keep, "Folder to keep photographs and answers in (default: none)");
   const OptionGroup limit(command, "Limits");
-  limit.AddParsed("--deadline", limits.answer_s, &ParseSeconds,
-                  "Time from a request to its answer, after which it is given up (503)", "30s");
-  limit.AddParsed("--header-deadline", limits.header_s, &ParseSeconds,
-                  "Time for a request's header, and of a connection without one", "10s");
-  limit.AddParsed("--body-deadline", limits.body_s, &ParseSeconds, "Time for a request's body",
-                  "30s");
+  const auto add_time = [&](const char* name, double& seconds, const char* help) {
+    limit.AddParsed(name, seconds, &ParseSeconds, help, fmt::format("{}s", seconds));
+  };
+  const auto add_size = [&](const char* name, uint64_t& size, uint64_t unit, const char* help) {
+    const auto parse = [unit](std::string_view option, const std::string& text) {
+      constexpr double kSmallest = 1e-6, kMost = 1e6;
+      return static_cast<uint64_t>(ParseBetween(option, text, kSmallest, kMost) *
+                                   static_cast<double>(unit));
+    };
+    limit.AddParsed(name, size, parse, help, fmt::format("{}", size / unit)).Type("FLOAT");
+  };
+  constexpr uint64_t kMegabyte = 1 << 20, kMegapixel = 1'000'000;
+  add_time("--deadline", limits.answer_s,
+           "Time from a request to its answer, after which it is given up (503)");
+  add_time("--header-deadline", limits.header_s,
+           "Time for a request's header, and of a connection without one");
+  add_time("--body-deadline", limits.body_s, "Time for a request's body");
   limit.Add("--max-queue", limits.queue,
             "Photographs that wait for a thread; further ones are refused (429)");
   limit.Add("--max-connections", limits.connections,
             "Connections at once; further ones are refused (503)");
-  limit.Add("--max-body-mb", flags.body_mb, "Size of a request's body (413)");
-  limit.Add("--max-held-mb", flags.held_mb, "Size of all bodies at once (503)");
-  limit.Add("--max-megapixels", flags.megapixels, "Size of a photograph (413)");
+  add_size("--max-body-mb", limits.body_bytes, kMegabyte, "Size of a request's body (413)");
+  add_size("--max-held-mb", limits.held_bytes, kMegabyte, "Size of all bodies at once (503)");
+  add_size("--max-megapixels", limits.pixels, kMegapixel, "Size of a photograph (413)");
 }
 
 }  // namespace

@@ -93,10 +93,11 @@ Query QueryOf(const QueryFacts& facts, PlaneSize size, const Exif& exif = {}) {
   return query;
 }
 
-LocalizeRequest OfPicture(std::string bytes, const QueryFacts& facts, const std::string& of_facts,
+LocalizeRequest OfPicture(std::string file, const QueryFacts& facts, const std::string& of_facts,
                           uint64_t max_pixels) {
   LocalizeRequest request;
-  std::istringstream header(bytes);
+  std::istringstream header(std::move(file));
+  const std::string_view bytes = header.view();
   const Exif exif = InField("image", [&] {
     if (const auto why = WhyNoPicture(bytes)) throw InputError(*why);
     const auto size = PictureSizeFromHeader(header);
@@ -114,7 +115,7 @@ LocalizeRequest OfPicture(std::string bytes, const QueryFacts& facts, const std:
   const Image& image = std::get<Image>(request.evidence);
   const auto read = [&] { return QueryOf(facts, {image.width_px, image.height_px}, exif); };
   request.query = of_facts.empty() ? read() : InField(of_facts, read);
-  request.picture_bytes = std::move(bytes);
+  request.picture_bytes = std::move(header).str();
   return request;
 }
 

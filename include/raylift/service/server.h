@@ -65,8 +65,8 @@ struct ServerOptions {
 class Server {
  public:
   // Opens the scenes and the port; signals wait for Run() from then on. Throws what `open` throws,
-  // OptionError for options that are out of range and for a port that cannot be had, and
-  // ResourceError where threads cannot be started.
+  // OptionError for an address or a port that cannot be had, and ResourceError where threads cannot
+  // be started.
   Server(OpenScenes open, const ServerOptions& options);
   ~Server();
   Server(const Server&) = delete;
