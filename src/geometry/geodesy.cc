@@ -159,19 +159,46 @@ std::optional<Vector3d> Transformed(const Object& operation, const Vector3d& poi
   return result;
 }
 
-// Returns the operation to longitude, latitude and height of the system's own datum.
-Object ToGeographic(const Context& context, const Object& horizontal) {
-  Object geodetic(proj_crs_get_geodetic_crs(context.get(), horizontal.get()));
-  if (geodetic && proj_get_type(geodetic.get()) == PJ_TYPE_GEOCENTRIC_CRS) {
-    const Object datum(proj_crs_get_datum_forced(context.get(), geodetic.get()));
-    const Object degrees(proj_create_ellipsoidal_3D_cs(
-        context.get(), PJ_ELLPS3D_LONGITUDE_LATITUDE_HEIGHT, nullptr, 0, nullptr, 0));
-    geodetic.reset(proj_create_geographic_crs_from_datum(context.get(), "geographic", datum.get(),
-                                                         degrees.get()));
-  }
-  if (!geodetic) return nullptr;
+// Returns the operation to degrees and height of the system's own datum, from its prime meridian.
+Object ToGeographic(const Context& context, const Object& horizontal, const Object& geodetic) {
+  const Object datum(proj_crs_get_datum_forced(context.get(), geodetic.get()));
+  const Object degrees(proj_create_ellipsoidal_3D_cs(
+      context.get(), PJ_ELLPS3D_LONGITUDE_LATITUDE_HEIGHT, nullptr, 0, nullptr, 0));
+  const Object geographic(proj_create_geographic_crs_from_datum(context.get(), "geographic",
+                                                                datum.get(), degrees.get()));
   const Object from = WithHeights(context, Object(proj_clone(context.get(), horizontal.get())));
-  return Operation(context, from, WithHeights(context, std::move(geodetic)));
+  return Operation(context, from, geographic);
+}
+
+// Returns the degrees from Greenwich to the prime meridian.
+double PrimeMeridianDeg(const Context& context, const Object& geodetic) {
+  const Object meridian(proj_get_prime_meridian(context.get(), geodetic.get()));
+  double longitude = 0, radians = 0;
+  if (!meridian || proj_prime_meridian_get_parameters(context.get(), meridian.get(), &longitude,
+                                                      &radians, nullptr) == 0) {
+    return 0;
+  }
+  return longitude * radians * 180 / std::numbers::pi;
+}
+
+double MetersPerUnit(const Context& context, const Object& crs, int axis) {
+  const Object axes(proj_crs_get_coordinate_system(context.get(), crs.get()));
+  double meters = 1;
+  if (axes) {
+    proj_cs_get_axis_info(context.get(), axes.get(), axis, nullptr, nullptr, nullptr, &meters,
+                          nullptr, nullptr, nullptr);
+  }
+  return meters;
+}
+
+// Heights that a system has are in the unit of its last axis, others in that of a map's eastings.
+double MetersPerHeightUnit(const Context& context, const Object& crs, const Object& horizontal) {
+  if (proj_get_type(crs.get()) == PJ_TYPE_COMPOUND_CRS) {
+    return MetersPerUnit(context, Object(proj_crs_get_sub_crs(context.get(), crs.get(), 1)), 0);
+  }
+  if (HasHeights(context, crs)) return MetersPerUnit(context, crs, 2);
+  const bool is_map = proj_get_type(horizontal.get()) == PJ_TYPE_PROJECTED_CRS;
+  return is_map ? MetersPerUnit(context, horizontal, 0) : 1;
 }
 
 std::string PointText(const Vector3d& p) {
@@ -187,29 +214,55 @@ struct Crs::Geographic {
   Context context = NewContext();
   Object crs, horizontal, operation;
   double semi_major = 0, semi_minor = 0;
+  double meridian_deg = 0;
+  double meters_per_height = 1;         // as the system has heights
+  double meters_per_height_on_way = 1;  // where the way itself does not know their unit
 
   explicit Geographic(const std::string& definition)
-      : crs(Parsed(context, definition)), horizontal(Horizontal(context, crs)) {
-    operation = ToGeographic(context, horizontal);
+      : crs(Parsed(context, definition)), horizontal(Horizontal(context, crs)) {}
+
+  void FindWay(const std::string& definition) {
+    const Object geodetic(proj_crs_get_geodetic_crs(context.get(), horizontal.get()));
+    if (geodetic) operation = ToGeographic(context, horizontal, geodetic);
     const Object ellipsoid(proj_get_ellipsoid(context.get(), horizontal.get()));
     if (!operation || !ellipsoid ||
         proj_ellipsoid_get_parameters(context.get(), ellipsoid.get(), &semi_major, &semi_minor,
                                       nullptr, nullptr) == 0) {
       FailCrs(definition, "it has no way to longitude and latitude");
     }
+    meridian_deg = PrimeMeridianDeg(context, geodetic);
+    meters_per_height = MetersPerHeightUnit(context, crs, horizontal);
+    if (!HasHeights(context, horizontal)) meters_per_height_on_way = meters_per_height;
+  }
+
+  // Returns longitude from Greenwich and latitude in degrees, and height in meters.
+  std::optional<Vector3d> At(Vector3d point) const {
+    point.z() *= meters_per_height_on_way;
+    auto there = Transformed(operation, point);
+    if (there) there->x() += meridian_deg;
+    return there;
+  }
+
+  // Returns the point there, infinite where there is none.
+  Vector3d PointAt(const Vector3d& there) const {
+    const PJ_COORD back =
+        proj_trans(operation.get(), PJ_INV,
+                   proj_coord(there.x() - meridian_deg, there.y(), there.z(), HUGE_VAL));
+    return {back.xyz.x, back.xyz.y, back.xyz.z / meters_per_height_on_way};
   }
 };
 
 Crs::Crs(const std::string& definition) : definition_(definition) {
-  const Context context = NewContext();
-  const Object crs = Parsed(context, definition);
-  const Object horizontal = Horizontal(context, crs);
+  const auto geographic = std::make_shared<Geographic>(definition);
+  const Object& horizontal = geographic->horizontal;
+  const Context& context = geographic->context;
   const auto kind = horizontal ? KindOf(proj_get_type(horizontal.get())) : std::nullopt;
   if (!kind) FailCrs(definition, "expected a geographic, projected or earth-centered one");
   kind_ = *kind;
-  name_ = proj_get_name(crs.get());
-  has_heights_ = HasHeights(context, crs);
-  geographic_ = std::make_shared<const Geographic>(definition);
+  name_ = proj_get_name(geographic->crs.get());
+  has_heights_ = HasHeights(context, geographic->crs);
+  geographic->FindWay(definition);
+  geographic_ = geographic;
   Area area{};
   if (proj_get_area_of_use(context.get(), horizontal.get(), &area.west, &area.south, &area.east,
                            &area.north, nullptr) != 0 &&
@@ -219,12 +272,9 @@ Crs::Crs(const std::string& definition) : definition_(definition) {
 }
 
 bool Crs::Holds(const Vector3d& point) const {
-  Vector3d degrees = point;
-  if (kind_ != CrsKind::kGeographic) {
-    const auto found = Transformed(geographic_->operation, point);
-    if (!found) return false;
-    degrees = *found;
-  }
+  const auto found = geographic_->At(point);
+  if (!found) return false;
+  const Vector3d& degrees = *found;
   if (std::abs(degrees.x()) > 360 || std::abs(degrees.y()) > 90) return false;
   if (!area_) return true;
   const double width = std::remainder(area_->east - area_->west - 180, 360) + 180;
@@ -278,6 +328,7 @@ WorldFrame WorldFrame::Parse(const std::string& given) {
 struct CrsTransform::Operation {
   Context context = NewContext();
   Object from, to, operation;
+  double into_z = 1, out_of_z = 1;  // factors of heights whose unit PROJ does not change
 };
 
 CrsTransform::CrsTransform(const Crs& from, const Crs& to)
@@ -286,6 +337,9 @@ CrsTransform::CrsTransform(const Crs& from, const Crs& to)
   it.from = Parsed(it.context, from_);
   it.to = Parsed(it.context, to_);
   const bool is_centered = from.kind() == CrsKind::kGeocentric || to.kind() == CrsKind::kGeocentric;
+  const bool passes = !to.has_heights() && !is_centered;
+  if (passes || !from.has_heights()) it.into_z = from.geographic().meters_per_height;
+  if (!to.has_heights()) it.out_of_z = 1 / to.geographic().meters_per_height;
   if (from.has_heights() && !to.has_heights() && !is_centered) {
     it.from = WithoutHeights(it.context, Horizontal(it.context, it.from));
   } else if (from.has_heights() != to.has_heights()) {
@@ -299,10 +353,12 @@ CrsTransform::CrsTransform(const Crs& from, const Crs& to)
 }
 
 Vector3d CrsTransform::operator()(const Vector3d& point) const {
-  const auto result = Transformed(operation_->operation, point);
+  const Vector3d in(point.x(), point.y(), point.z() * operation_->into_z);
+  auto result = Transformed(operation_->operation, in);
   if (!result) {
     throw InputError(fmt::format("{} of {} has no place in {}", PointText(point), from_, to_));
   }
+  result->z() *= operation_->out_of_z;
   return *result;
 }
 
@@ -348,7 +404,7 @@ double LocalFrame::ConvergenceDeg() const {
 
 LocalFrame LocalFrameAt(const Crs& crs, const Vector3d& point) {
   const Crs::Geographic& geographic = crs.geographic();
-  const auto there = Transformed(geographic.operation, point);
+  const auto there = geographic.At(point);
   if (!there) {
     throw InputError(fmt::format("{} has no place in {}", PointText(point), crs.definition()));
   }
@@ -365,14 +421,8 @@ LocalFrame LocalFrameAt(const Crs& crs, const Vector3d& point) {
   constexpr double kStepMeters = 10;  // coordinates of 1e7 m then tell directions to 1e-10
   for (int axis = 0; axis < 3; ++axis) {
     const Vector3d step = Vector3d::Unit(axis) * degrees_per_meter[axis] * kStepMeters;
-    std::array<Vector3d, 2> ends;
-    for (size_t end = 0; end < 2; ++end) {
-      const Vector3d at = *there + (end == 0 ? -step : step);
-      const PJ_COORD back = proj_trans(geographic.operation.get(), PJ_INV,
-                                       proj_coord(at.x(), at.y(), at.z(), HUGE_VAL));
-      ends[end] = {back.xyz.x, back.xyz.y, back.xyz.z};
-    }
-    frame.crs_from_enu.col(axis) = (ends[1] - ends[0]) / (2 * kStepMeters);
+    frame.crs_from_enu.col(axis) =
+        (geographic.PointAt(*there + step) - geographic.PointAt(*there - step)) / (2 * kStepMeters);
   }
   if (!frame.crs_from_enu.allFinite()) {
     throw InputError(

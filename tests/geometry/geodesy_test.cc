@@ -62,6 +62,21 @@ TEST(CrsTransform, AHeightStaysWhereTheTargetHasNone) {
   EXPECT_NEAR(CrsTransform(Crs("EPSG:4326"), Crs("EPSG:4978"))({0, 0, 52}).x(), 6378137 + 52, 1e-8);
 }
 
+// By pyproj: of EPSG:2263 (New York, in feet of US surveys), and with heights EPSG:2263+6360.
+TEST(CrsTransform, AHeightIsInTheUnitOfItsMap) {
+  const Vector3d place(-73.98, 40.75, 200);
+  const Vector3d in_feet(989791.457348593, 212522.519239254, 656.166666666667);
+  const Crs geographic("EPSG:4326"), ellipsoid("EPSG:4979"), map("EPSG:2263"), earth("EPSG:4978");
+  EXPECT_LT((CrsTransform(geographic, map)(place) - in_feet).norm(), kMicrometer);
+  EXPECT_LT((CrsTransform(map, ellipsoid)(in_feet) - place).norm(), kMicrometer);
+  EXPECT_LT((CrsTransform(map, earth)(in_feet) - CrsTransform(ellipsoid, earth)(place)).norm(),
+            1e-5);
+  EXPECT_NEAR(CrsTransform(map, Crs("EPSG:32618"))(in_feet).z(), 200, kMicrometer);
+  EXPECT_NEAR(CrsTransform(Crs("EPSG:2263+6360"), Crs("EPSG:32618"))(in_feet).z(), 200,
+              kMicrometer);
+  EXPECT_NEAR(CrsTransform(Crs("EPSG:2263+6360"), map)(in_feet).z(), in_feet.z(), kMicrometer);
+}
+
 TEST(WorldFrame, HasAnOrigin) {
   EXPECT_EQ(WorldFrame::Parse("EPSG:32615@576000,5188000,-1.5").origin,
             Vector3d(576000, 5188000, -1.5));
@@ -149,6 +164,28 @@ TEST(LocalFrame, OfAMapHasItsScaleAndConvergence) {
   EXPECT_NEAR(frame.ConvergenceDeg(), 0.7335250840, 1e-7);
   EXPECT_NEAR(frame.Scale() * (1 + 198.3 / 6375e3), 0.9996722442, 1e-6);
   EXPECT_LT((frame.crs_from_enu.col(2) - Vector3d::UnitZ()).norm(), 1e-9);
+}
+
+TEST(LocalFrame, OfAMapInFeetHasThemPerMeter) {
+  for (const char* map : {"EPSG:2263", "EPSG:2263+6360"}) {
+    const LocalFrame frame =
+        LocalFrameAt(Crs(map), {989791.457348593, 212522.519239254, 656.166666666667});
+    EXPECT_LT((frame.geographic - Vector3d(-73.98, 40.75, 200)).norm(), 1e-6) << map;
+    EXPECT_NEAR(frame.crs_from_enu(2, 2), 3937.0 / 1200, 1e-9) << map;
+    EXPECT_NEAR(frame.Scale(), 3937.0 / 1200, 1e-3) << map;
+  }
+}
+
+// A map of France in grads from Paris, which is 2.33722917 degrees from Greenwich by EPSG.
+TEST(LocalFrame, IsInDegreesFromGreenwich) {
+  const LocalFrame frame = LocalFrameAt(Crs("EPSG:27572"), {600000, 2200000, 100});
+  EXPECT_LT((frame.geographic - Vector3d(2.33722917, 46.8, 100)).norm(), 1e-9);
+  EXPECT_NEAR(frame.ConvergenceDeg(), 0, 1e-9);
+  EXPECT_NEAR(frame.Scale(), 0.99987742, 2e-5);
+  EXPECT_LT((LocalFrameAt(Crs("EPSG:4807"), {0, 52, 100}).geographic - frame.geographic).norm(),
+            1e-9);
+  EXPECT_NO_THROW(Crs("EPSG:4807").Check({0, 52, 0}));
+  EXPECT_NO_THROW(Crs("EPSG:27572").Check({600000, 2200000, 0}));
 }
 
 TEST(LocalFrame, OfTheEarthIsARotation) {

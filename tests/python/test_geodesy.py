@@ -17,7 +17,8 @@ pyproj = pytest.importorskip("pyproj")
 SYSTEMS = [("EPSG:4326", "EPSG:32615", (-91.9945, 46.8426)), ("EPSG:4326", "EPSG:25832", (9.9, 53.55)),
            ("EPSG:4979", "EPSG:4978", (10.8265, 51.3)), ("EPSG:4326", "EPSG:2056", (7.44, 46.95)),
            ("EPSG:4326", "EPSG:32733", (15.0, -22.9)), ("EPSG:4258", "EPSG:3035", (10.8, 51.3)),
-           ("EPSG:4326", "EPSG:3857", (139.7, 35.7))]
+           ("EPSG:4326", "EPSG:3857", (139.7, 35.7)), ("EPSG:4326", "EPSG:2263", (-73.98, 40.75)),
+           ("EPSG:4979", "EPSG:2263+6360", (-73.98, 40.75)), ("EPSG:4326", "EPSG:27572", (2.5, 46.8))]
 
 
 @pytest.mark.parametrize("source, target, place", SYSTEMS)
@@ -33,6 +34,8 @@ def test_positions_are_led_to_the_world_as_by_pyproj(tmp_path, source, target, p
     queries = raylift.read_queries(tmp_path / "queries.txt", priors=tmp_path / "priors.txt")
     ours = np.array([query.__getstate__()[2][0] for query in queries])
     theirs = np.column_stack(pyproj.Transformer.from_crs(source, target, always_xy=True).transform(*points.T))
+    if len(pyproj.CRS(target).axis_info) == 2:  # the map's unit is that of its heights
+        theirs[:, 2] /= pyproj.CRS(target).axis_info[0].unit_conversion_factor
     assert np.abs(ours - theirs).max() < 1e-6
 
 

@@ -2,8 +2,9 @@
 // other, by PROJ.
 //
 // A point is (x, y, z) as drawn on a map, whatever order the authority has for its axes: easting,
-// northing and height in the units of the system; longitude, latitude in degrees and height where
-// it is geographic; X, Y, Z in meters where it is earth-centered.
+// northing and height in the units of the system; longitude, latitude in its degrees and height
+// where it is geographic; X, Y, Z in meters where it is earth-centered. A map without heights of
+// its own has them in the unit of its eastings.
 
 #pragma once
 
@@ -63,10 +64,9 @@ struct WorldFrame {
   static WorldFrame Parse(const std::string& given);
 };
 
-// Leads points from one system to another. A height passes unchanged where the target has no
-// heights; where the source alone has none, it is above the ellipsoid. To and from earth-centered
-// coordinates it always is. A transform and its copies are for one thread
-// at a time.
+// Leads points from one system to another. Of a height no more than the unit changes where the
+// target has no heights; where the source alone has none, it is above the ellipsoid. To and from
+// earth-centered coordinates it always is. A transform and its copies are for one thread at a time.
 class CrsTransform {
  public:
   // Throws InputError where nothing leads there.
@@ -87,7 +87,7 @@ class CrsTransform {
 
 // The directions east, north and up at a point, in the coordinates of a system.
 struct LocalFrame {
-  Eigen::Vector3d geographic;  // longitude, latitude in degrees, height
+  Eigen::Vector3d geographic;  // longitude from Greenwich, latitude in degrees, height in meters
   // Units of the system per meter: columns are east, north, up. On a map of true scale, north along
   // its y axis, it is the identity.
   Eigen::Matrix3d crs_from_enu;
