@@ -47,18 +47,19 @@ std::string LocalizeHeader(const LocalizeFlags& flags, const std::string& option
   if (!flags.scene_calibration.empty()) {
     options["scene-calibration"] = HexText(HashBytes64(FormatSceneCalibration(*scene.calibration)));
   }
-  return JobHeader(
-      std::move(options), queries.size(),
-      {"scene", "model", "images", "queries", "priors", "rigs", "query-images", "features",
-       "matches", "pairs", "cache", "prior-poses", "global-features", "query-global-features",
-       "write-model", "odometry", "odometry-scale", "online", "times"},
-      InputsJson({.model = flags.references.model,
-                  .images = flags.images,
-                  .query_images = flags.QueryImages(),
-                  .out = flags.out,
-                  .matching = flags.matching,
-                  .threads = flags.run.threads},
-                 scene, queries));
+  return JobHeader(std::move(options), queries.size(),
+                   {"scene", "model", "images", "queries", "priors", "rigs", "query-images",
+                    "features", "matches", "pairs", "cache", "prior-poses", "global-features",
+                    "query-global-features", "write-model",
+                    // Walks are smoothed after all.
+                    "odometry", "cam-from-body", "odometry-scale", "online", "times"},
+                   InputsJson({.model = flags.references.model,
+                               .images = flags.images,
+                               .query_images = flags.QueryImages(),
+                               .out = flags.out,
+                               .matching = flags.matching,
+                               .threads = flags.run.threads},
+                              scene, queries));
 }
 
 // Also writes queries.jsonl, whose lines say which queries joined the references.

@@ -6,6 +6,7 @@
 #include "apps/argument_files.h"
 #include "apps/options.h"
 #include "base/hash.h"
+#include "io/text/line_tokens.h"
 #include "lifting/mesh_spec.h"
 #include "localization/continuous/continuous_localizer.h"
 #include "localization/fields.h"
@@ -83,6 +84,11 @@ void CheckRigs(const LocalizeFlags& flags) {
   refuse("--refine-focal", flags.estimator.refine_focal);
 }
 
+Rigid3 ParsePose(std::string_view option, const std::string& text) {
+  LineReader line(std::filesystem::path(option), text);
+  return LineTokens(line, line.Next().value_or("")).Pose();
+}
+
 // A walk is smoothed when all of its photographs are localized.
 void CheckWalk(const LocalizeFlags& flags) {
   const auto needs = [](const char* option, const char* others, bool given, bool fits) {
@@ -92,6 +98,8 @@ void CheckWalk(const LocalizeFlags& flags) {
   needs("--times", "--continuous or --odometry", !flags.times.empty(),
         walks || flags.continuous.enabled);
   needs("--online", "--odometry", flags.walk.online, walks);
+  needs("--cam-from-body", "--odometry",
+        FormatPose(flags.walk.cam_from_body) != FormatPose(Rigid3()), walks);
   needs("--odometry-scale", "--odometry", flags.walk.scale != OdometryScale::kKnown, walks);
   const auto refuse = [&](const char* option, bool given) {
     if (walks && given) throw OptionError(fmt::format("{} does not go with --odometry", option));
@@ -210,8 +218,13 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags, const char* out
   const OptionGroup walk(command, "Walks");
   walk.Add("--odometry", flags.walk.odometry,
            "How the camera moved between the queries, in any frame: TUM's trajectory\n"
-           "(time tx ty tz qx qy qz qw, camera to world), a COLMAP model or a pose file.\n"
-           "Poses are smoothed by it, and queries without one get the walk's");
+           "(time tx ty tz qx qy qz qw, camera to world), EuRoC's CSV, KITTI's poses, a\n"
+           "COLMAP model, a pose file, kapture, transforms.json, or lines of JSON as of\n"
+           "ARKit. Poses are smoothed by it, and queries without one get the walk's");
+  walk.AddParsed("--cam-from-body", flags.walk.cam_from_body, &ParsePose,
+                 "QW QX QY QZ TX TY TZ of what the odometry moves (an IMU, a robot's base) in\n"
+                 "the camera: points of the body to those of the camera, in its unit",
+                 "1 0 0 0 0 0 0");
   walk.Add("--odometry-scale", flags.walk.scale, "{}: whether its unit is the scene's");
   walk.Flag("--online", flags.walk.online,
             "Each query's pose by those before it alone, as while the walk is taken");

@@ -48,6 +48,7 @@ std::string ContinuousRunKey(const std::string& options_json, const ReferenceSet
 struct WalkFlags {
   std::filesystem::path odometry;
   OdometryScale scale = OdometryScale::kKnown;
+  Rigid3 cam_from_body;  // of what the odometry moves
   bool online = false;
 
   bool enabled() const { return !odometry.empty(); }

@@ -13,7 +13,7 @@ namespace raylift {
 Walk OpenWalk(const LocalizeFlags& flags, std::span<const Query> queries) {
   std::vector<std::string> names;
   for (const Query& query : queries) names.push_back(query.name);
-  return ReadWalk(flags.walk.odometry, flags.times, names);
+  return ReadWalk(flags.walk.odometry, flags.times, names, flags.walk.cam_from_body);
 }
 
 WalkedQueries SmoothRecords(const LocalizeFlags& flags, const Walk& walk, const Scene& scene,

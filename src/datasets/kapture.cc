@@ -8,6 +8,7 @@
 
 #include "base/read_limits.h"
 #include "datasets/importers.h"
+#include "io/scene/trajectory_file.h"
 #include "io/text/line_tokens.h"
 #include <fmt/format.h>
 
@@ -212,21 +213,10 @@ std::vector<KaptureImage> ReadCaptureSession(const path& session, const path& ke
 
 namespace {
 
-// Kapture does not say the unit: by the size of times of this century.
-double SecondsPerTick(const std::vector<KaptureImage>& images) {
+void TakeTimes(const std::vector<KaptureImage>& images, ImportedScene& scene) {
   uint64_t latest = 0;
   for (const KaptureImage& image : images) latest = std::max(latest, image.timestamp);
-  uint64_t largest_seconds = 100'000'000'000;
-  double seconds = 1;
-  for (int thousandths = 0; thousandths < 3 && latest > largest_seconds; ++thousandths) {
-    largest_seconds *= 1000;
-    seconds *= 1e-3;
-  }
-  return seconds;
-}
-
-void TakeTimes(const std::vector<KaptureImage>& images, ImportedScene& scene) {
-  const double seconds = SecondsPerTick(images);
+  const double seconds = SecondsPerTick(static_cast<double>(latest));
   for (const KaptureImage& image : images) {
     scene.times.emplace(image.name, seconds * static_cast<double>(image.timestamp));
   }

@@ -9,9 +9,8 @@
 
 #include "base/name_order.h"
 #include "base/statistics.h"
-#include "io/scene/named_poses.h"
 #include "io/scene/trajectory_file.h"
-#include "io/text/line_tokens.h"
+#include "sequences/odometry_file.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -24,30 +23,38 @@ namespace {
 using std::filesystem::path;
 
 using TimesByName = std::map<std::string, double>;
+using PosesByName = std::map<std::string, Rigid3>;
 
 // What the camera turns and moves less than over the whole walk is no motion.
 constexpr double kLeastTurnDeg = 1e-3;
 constexpr double kLeastShareOfMotion = 1e-9;
 
-bool IsTumTrajectory(const path& file) {
-  LineReader lines(file);
-  const auto line = lines.NextContent();
-  if (!line) throw InputError(file, "expected poses, found none");
-  const auto tokens = SplitTokens(*line);
-  return std::all_of(tokens.begin(), tokens.end(),
-                     [](std::string_view token) { return ParseDouble(token).has_value(); });
-}
-
-// Returns the times that are known; empty where names hold none.
-TimesByName TimesOf(const path& times, std::span<const std::string> names) {
-  if (!times.empty()) return ReadTimes(times);
-  TimesByName in_names;
+// Returns the times that the names hold; empty where one holds none.
+TimesByName TimesInNames(std::span<const std::string> names) {
+  TimesByName times;
   for (const std::string& name : names) {
     const auto time_s = TimeInName(name);
     if (!time_s || !std::isfinite(*time_s)) return {};
-    in_names.emplace(name, *time_s);
+    times.emplace(name, *time_s);
   }
-  return in_names;
+  return times;
+}
+
+// Returns the times that are known, in seconds.
+TimesByName TimesOf(const path& file, const Odometry& odometry,
+                    std::span<const std::string> names) {
+  if (file.empty() && !odometry.times.empty()) return odometry.times;
+  TimesByName times = file.empty() ? TimesInNames(names) : ReadTimes(file);
+  double latest = 0;
+  for (const auto& [name, time] : times) latest = std::max(latest, time);
+  for (auto& [name, time] : times) time *= SecondsPerTick(latest);
+  return times;
+}
+
+// What follows the first folder of a name; nothing where it has none.
+std::string_view AfterFolder(std::string_view name) {
+  const size_t slash = name.find('/');
+  return slash == std::string_view::npos ? std::string_view() : name.substr(slash + 1);
 }
 
 double MedianStep(std::span<const TimedPose> poses) {
@@ -56,6 +63,13 @@ double MedianStep(std::span<const TimedPose> poses) {
     steps.push_back(poses[i].time_s - poses[i - 1].time_s);
   }
   return UpperMedianOr(std::move(steps), 0);
+}
+
+// Some programs write nanoseconds in TUM's lines.
+std::vector<TimedPose> InSeconds(std::vector<TimedPose> poses) {
+  const double seconds = SecondsPerTick(poses.back().time_s);
+  for (TimedPose& pose : poses) pose.time_s *= seconds;
+  return poses;
 }
 
 // Adds the frames that have a pose near their time.
@@ -85,10 +99,56 @@ void AddByTime(const path& file, std::span<const TimedPose> poses, const TimesBy
   }
 }
 
-void AddByName(const path& odometry, TimesByName times, std::span<const std::string> names,
-               Walk& walk) {
-  const std::map<std::string, Rigid3> poses = ReadModelOrPoses(odometry);
-  if (times.empty()) times = PlacesByNumbers(names);
+// Returns the poses of those names that have one: of the name itself, or of the only one that ends
+// in it from a folder on, as "images/a.jpg" does in "a.jpg".
+PosesByName PosesOf(std::span<const std::string> names, const PosesByName& poses) {
+  std::map<std::string_view, std::vector<const Rigid3*>> by_end;
+  for (const auto& [name, pose] : poses) {
+    for (std::string_view end = name; !end.empty(); end = AfterFolder(end)) {
+      by_end[end].push_back(&pose);
+    }
+  }
+  PosesByName found;
+  for (const std::string& name : names) {
+    const auto same = poses.find(name);
+    const auto ends = by_end.find(name);
+    if (same != poses.end()) {
+      found.emplace(name, same->second);
+    } else if (ends != by_end.end() && ends->second.size() == 1) {
+      found.emplace(name, *ends->second.front());
+    }
+  }
+  return found;
+}
+
+// The number that a photograph's name is, but for folder and extension.
+std::optional<size_t> NumberOf(std::string_view name) {
+  while (!AfterFolder(name).empty()) name = AfterFolder(name);
+  const auto number = ParseUint(name.substr(0, name.rfind('.')));
+  return number ? std::optional<size_t>(*number) : std::nullopt;
+}
+
+// Returns the pose of each photograph, whose name says which one it is, from 0, as KITTI's do, or
+// that has the place of its pose in the order of names.
+PosesByName PosesInOrder(const path& file, std::span<const std::string> names,
+                         std::span<const Rigid3> poses) {
+  const bool are_numbers = std::all_of(names.begin(), names.end(), [&](const std::string& name) {
+    return NumberOf(name).value_or(poses.size()) < poses.size();
+  });
+  if (!are_numbers && names.size() != poses.size()) {
+    throw InputError(file, fmt::format("expected a pose of each of {} photographs, or photographs "
+                                       "called by the numbers of poses from 0, found {} poses",
+                                       names.size(), poses.size()));
+  }
+  PosesByName by_name;
+  for (const auto& [name, place] : PlacesByNumbers(names)) {
+    by_name.emplace(name, poses[are_numbers ? *NumberOf(name) : static_cast<size_t>(place)]);
+  }
+  return by_name;
+}
+
+void AddByName(const PosesByName& poses, const TimesByName& times,
+               std::span<const std::string> names, Walk& walk) {
   for (size_t i = 0; i < names.size(); ++i) {
     const auto pose = poses.find(names[i]);
     const auto time = times.find(names[i]);
@@ -125,33 +185,43 @@ void Check(const path& odometry, std::span<const std::string> names, const Walk&
   }
 }
 
+void WarnOfFramesWithoutPose(const path& file, std::span<const std::string> names, Walk& walk) {
+  if (walk.frames.size() == names.size()) return;
+  std::vector<bool> in_walk(names.size());
+  for (const WalkFrame& frame : walk.frames) in_walk[frame.query] = true;
+  const auto first = std::find(in_walk.begin(), in_walk.end(), false) - in_walk.begin();
+  walk.warnings.push_back(fmt::format(
+      "{}: no pose of {} of {} photographs, such as {}: these are localized alone", file.string(),
+      names.size() - walk.frames.size(), names.size(), names[static_cast<size_t>(first)]));
+}
+
 }  // namespace
 
-Walk ReadWalk(const path& odometry, const path& times, std::span<const std::string> names) {
-  Walk walk;
-  const TimesByName known = TimesOf(times, names);
-  if (!std::filesystem::is_directory(odometry) && IsTumTrajectory(odometry)) {
+Walk ReadWalk(const path& file, const path& times, std::span<const std::string> names,
+              const Rigid3& cam_from_body) {
+  Odometry odometry = ReadOdometry(file);
+  Walk walk{.warnings = std::move(odometry.warnings)};
+  TimesByName known = TimesOf(times, odometry, names);
+  if (!odometry.by_time.empty()) {
     if (known.empty()) {
-      throw InputError(odometry,
+      throw InputError(file,
                        "holds times, and neither a list of times nor names tell when the "
                        "photographs were taken");
     }
-    AddByTime(odometry, ReadTumTrajectory(odometry), known, names, walk);
+    AddByTime(file, InSeconds(std::move(odometry.by_time)), known, names, walk);
   } else {
-    AddByName(odometry, known, names, walk);
+    if (known.empty()) known = PlacesByNumbers(names);
+    AddByName(odometry.in_order.empty() ? PosesOf(names, odometry.by_name)
+                                        : PosesInOrder(file, names, odometry.in_order),
+              known, names, walk);
+  }
+  for (WalkFrame& frame : walk.frames) {
+    frame.cam_from_odometry = cam_from_body * frame.cam_from_odometry;
   }
   std::stable_sort(walk.frames.begin(), walk.frames.end(),
                    [](const WalkFrame& a, const WalkFrame& b) { return a.time_s < b.time_s; });
-  Check(odometry, names, walk);
-  if (walk.frames.size() < names.size()) {
-    std::vector<bool> in_walk(names.size());
-    for (const WalkFrame& frame : walk.frames) in_walk[frame.query] = true;
-    const auto first = std::find(in_walk.begin(), in_walk.end(), false) - in_walk.begin();
-    walk.warnings.push_back(
-        fmt::format("{}: no pose of {} of {} photographs, such as {}: these are localized alone",
-                    odometry.string(), names.size() - walk.frames.size(), names.size(),
-                    names[static_cast<size_t>(first)]));
-  }
+  Check(file, names, walk);
+  WarnOfFramesWithoutPose(file, names, walk);
   return walk;
 }
 

@@ -1,10 +1,12 @@
 #include "raylift/sequences/walk.h"
 
+#include <numbers>
 #include <string>
 #include <vector>
 
 #include "support/matchers.h"
 #include "support/test_data.h"
+#include <Eigen/Geometry>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -35,6 +37,8 @@ std::vector<size_t> QueriesOf(const Walk& walk) {
   for (const WalkFrame& frame : walk.frames) queries.push_back(frame.query);
   return queries;
 }
+
+std::vector<std::string> Names(std::vector<std::string> names) { return names; }
 
 const std::string kThreePoses =
     "# time tx ty tz qx qy qz qw\n"
@@ -75,6 +79,123 @@ TEST_F(ReadWalkTest, PosesMayGoByNames) {
   const Walk walk = ReadWalk(odometry, {}, kNames);
   EXPECT_THAT(QueriesOf(walk), ElementsAre(1, 2));
   EXPECT_EQ(walk.frames[1].cam_from_odometry.OriginInSource(), Eigen::Vector3d(1, 0, 0));
+}
+
+// The camera goes one unit along x of the odometry's frame, turned by 90 degrees about z.
+::testing::AssertionResult GoesAlongX(const Walk& walk) {
+  if (walk.frames.size() != 2) return ::testing::AssertionFailure() << walk.frames.size();
+  const Rigid3 &first = walk.frames[0].cam_from_odometry,
+               &second = walk.frames[1].cam_from_odometry;
+  const Eigen::Quaterniond turn(Eigen::AngleAxisd(std::numbers::pi / 2, Eigen::Vector3d::UnitZ()));
+  if (first.OriginInSource().norm() > 1e-12) {
+    return ::testing::AssertionFailure() << "first: " << first.OriginInSource().transpose();
+  }
+  if ((second.OriginInSource() - Eigen::Vector3d::UnitX()).norm() > 1e-12) {
+    return ::testing::AssertionFailure() << "second: " << second.OriginInSource().transpose();
+  }
+  for (const Rigid3& pose : {first, second}) {
+    if (pose.rotation.angularDistance(turn.inverse()) > 1e-7) {
+      return ::testing::AssertionFailure() << "rotation: " << pose.rotation.coeffs().transpose();
+    }
+  }
+  return ::testing::AssertionSuccess();
+}
+
+TEST_F(ReadWalkTest, ReadsEurocsCsvInNanoseconds) {
+  const path odometry = Written("data.csv",
+                                "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],"
+                                "q_RS_x [],q_RS_y [],q_RS_z [],v_RS_R_x [m s^-1]\n"
+                                "1403636579758555392,0,0,0,0.7071067811865476,0,0,"
+                                "0.7071067811865476,0.1\n"
+                                "1403636579858555392, 1,0,0,0.7071067811865476,0,0,"
+                                "0.7071067811865476,0.1\r\n");
+  const Walk walk = ReadWalk(
+      odometry, {}, Names({"cam0/data/1403636579758555392.png", "cam0/1403636579868555392.png"}));
+  EXPECT_TRUE(GoesAlongX(walk));
+  EXPECT_NEAR(walk.frames[1].time_s - walk.frames[0].time_s, 0.11, 1e-6);
+}
+
+TEST_F(ReadWalkTest, TumLinesMayBeInNanoseconds) {
+  const path odometry = Written("nano.txt",
+                                "1403636579758555392 0 0 0 0 0 0.7071067811865476 "
+                                "0.7071067811865476\n1403636579858555392 1 0 0 0 0 "
+                                "0.7071067811865476 0.7071067811865476\n");
+  const path times = Written("nano_times.txt", "a.jpg 1403636579.77\nb.jpg 1403636579.84\n");
+  EXPECT_TRUE(GoesAlongX(ReadWalk(odometry, times, kNames)));
+}
+
+TEST_F(ReadWalkTest, KittisLinesAreNumberedOrInOrder) {
+  const path odometry = Written("kitti.txt",
+                                "1 0 0 9 0 1 0 9 0 0 1 9\n"
+                                "0 -1 0 0 1 0 0 0 0 0 1 0\n"
+                                "0 -1 0 1 1 0 0 0 0 0 1 0\n");
+  EXPECT_TRUE(
+      GoesAlongX(ReadWalk(odometry, {}, Names({"image_2/000002.png", "image_2/000001.png"}))));
+  EXPECT_THAT(QueriesOf(ReadWalk(odometry, {}, kNames)), ElementsAre(1, 2, 0));
+  EXPECT_TRUE(FailsWithInputError(
+      [&] {
+        ReadWalk(odometry, {}, Names({"a.jpg", "b.jpg"}));
+      },
+      {"kitti.txt", "each of 2 photographs", "found 3 poses"}));
+  const path mirrored = Written("mirrored.txt", "-1 0 0 0 0 1 0 0 0 0 1 0\n");
+  EXPECT_TRUE(FailsWithInputError([&] { ReadWalk(mirrored, {}, kNames); },
+                                  {"mirrored.txt: line 1", "right-handed"}));
+}
+
+// The camera's axes turned about x by 180 degrees are OpenGL's.
+TEST_F(ReadWalkTest, LinesOfJsonAreAsOfArkit) {
+  const path by_columns = Written(
+      "columns.jsonl",
+      "{\"timestamp\": 1.0, \"transform\": [0, 1, 0, 0, 1, 0, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1]}\n"
+      "{\"timestamp\": 1.1, \"transform\": [0, 1, 0, 0, 1, 0, 0, 0, 0, 0, -1, 0, 1, 0, 0, 1]}\n");
+  const path times = Written("json_times.txt", "a.jpg 1.0\nb.jpg 1.1\n");
+  EXPECT_TRUE(GoesAlongX(ReadWalk(by_columns, times, kNames)));
+  const path by_rows =
+      Written("rows.jsonl",
+              "{\"name\": \"b.jpg\", \"transform\": [[0,1,0,1],[1,0,0,0],[0,0,-1,0],[0,0,0,1]]}\n"
+              "{\"name\": \"a.jpg\", \"transform\": [[0,1,0,0],[1,0,0,0],[0,0,-1,0],[0,0,0,1]]}\n");
+  EXPECT_TRUE(GoesAlongX(ReadWalk(by_rows, {}, kNames)));
+  const path bad = Written("bad.jsonl", "{\"name\": \"b.jpg\", \"transform\": [1, 2]}\n");
+  EXPECT_TRUE(
+      FailsWithInputError([&] { ReadWalk(bad, {}, kNames); }, {"bad.jsonl: line 1", "transform"}));
+}
+
+TEST_F(ReadWalkTest, FramesOfTransformsGoByTheEndOfTheirPaths) {
+  const path odometry = Written(
+      "transforms.json",
+      "{\"fl_x\": 500, \"fl_y\": 500, \"cx\": 320, \"cy\": 240, \"w\": 640, \"h\": 480, "
+      "\"frames\": ["
+      "{\"file_path\": \"./images/b.jpg\", \"transform_matrix\": [[0,1,0,1],[1,0,0,0],[0,0,-1,0],"
+      "[0,0,0,1]]}, {\"file_path\": \"images/a.jpg\", \"transform_matrix\": [[0,1,0,0],[1,0,0,0],"
+      "[0,0,-1,0],[0,0,0,1]]}]}");
+  EXPECT_TRUE(GoesAlongX(ReadWalk(odometry, {}, kNames)));
+}
+
+TEST_F(ReadWalkTest, KapturesTimesAreTaken) {
+  Written("kapture/sensors/sensors.txt",
+          "# kapture format: 1.1\ncam, , camera, SIMPLE_PINHOLE, 640, 480, 500, 320, 240\n");
+  Written("kapture/sensors/records_camera.txt",
+          "# kapture format: 1.1\n1403636579758555, cam, b.jpg\n1403636579858555, cam, a.jpg\n");
+  // World to device.
+  const path file = Written("kapture/sensors/trajectories.txt",
+                            "# kapture format: 1.1\n"
+                            "1403636579758555, cam, 0.7071067811865476, 0, 0, -0.7071067811865476, "
+                            "0, 0, 0\n"
+                            "1403636579858555, cam, 0.7071067811865476, 0, 0, -0.7071067811865476, "
+                            "0, 1, 0\n");
+  const Walk walk = ReadWalk(file.parent_path().parent_path(), {}, kNames);
+  EXPECT_TRUE(GoesAlongX(walk));
+  EXPECT_THAT(QueriesOf(walk), ElementsAre(2, 1));
+  EXPECT_NEAR(walk.frames[1].time_s - walk.frames[0].time_s, 0.1, 1e-6);
+}
+
+TEST_F(ReadWalkTest, TheCameraSitsOnTheBody) {
+  const path odometry = Written("body.txt", kThreePoses);
+  const path times = Written("body_times.txt", "a.jpg 1.0\nb.jpg 1.1\n");
+  const Rigid3 cam_from_body{Eigen::Quaterniond(0, 1, 0, 0), {0, 0, 2}};
+  const Walk walk = ReadWalk(odometry, times, kNames, cam_from_body);
+  EXPECT_LT((walk.frames[1].cam_from_odometry.OriginInSource() - Eigen::Vector3d(1, 0, 2)).norm(),
+            1e-12);
 }
 
 TEST_F(ReadWalkTest, NumbersInNamesAreTheOrder) {

@@ -21,8 +21,8 @@ struct WalkFrame {
 };
 
 struct Walk {
-  std::vector<WalkFrame> frames;  // at least two, in the order of their times, which differ
-  std::vector<std::string> warnings;
+  std::vector<WalkFrame> frames = {};  // at least two, in the order of their times, which differ
+  std::vector<std::string> warnings = {};
 };
 
 // Reads odometry of the named photographs. `odometry` is one of
@@ -30,16 +30,25 @@ struct Walk {
 //   a TUM trajectory, lines `time tx ty tz qx qy qz qw` (camera to odometry's world, x right, y
 //     down, z forward), whose times must grow. A photograph takes the pose that is nearest to its
 //     time, within half of the median step between poses.
-//   a COLMAP model's folder, or a pose file, lines `name qw qx qy qz tx ty tz` (world to camera):
-//     names tell.
+//   EuRoC's CSV, `time [ns], px, py, pz, qw, qx, qy, qz, ...` (body to world): by time, too.
+//   KITTI's poses, lines of the upper three rows of a matrix (camera to world): the photographs'
+//     names are the numbers of lines from 0, or there is a line for each in the order of names.
+//   a COLMAP model's folder, or a pose file, lines `name qw qx qy qz tx ty tz` (world to camera); a
+//     kapture data set; nerfstudio's transforms.json: names tell, without the leading folders that
+//     photographs are called without.
+//   lines of JSON, `{"timestamp": SECONDS, "name": PHOTOGRAPH, "transform": [...]}`, of which one of
+//     the first two may be missing: a 4x4 matrix, camera to world, by rows or columns, of a camera
+//     with x right, y up, z backward, as ARKit and ARCore have it.
 //
 // The times of the photographs are in the file `times` (lines `name seconds`) or, where that is
-// empty, in their names as TUM's data sets have them (rgb/1305031102.175304.png); where poses go by
-// names and these are no times, photographs were taken in the order of their names, in which
-// numbers count as such, one a second. Photographs without a pose are left out, with a warning.
-// Throws InputError for anything else, for times of photographs that are the same, where fewer than
-// two photographs have a pose, and where the camera does not move at all.
+// empty, in the odometry, or in their names as TUM's data sets have them
+// (rgb/1305031102.175304.png); where poses go by names and these are no times, photographs were
+// taken in the order of their names, in which numbers count as such, one a second. Times too large
+// for seconds are milli-, micro- or nanoseconds. Photographs without a pose are left out, with a
+// warning. `cam_from_body` leads from what the odometry moves to the camera. Throws InputError for
+// anything else, for times of photographs that are the same, where fewer than two photographs have
+// a pose, and where the camera does not move at all.
 Walk ReadWalk(const std::filesystem::path& odometry, const std::filesystem::path& times,
-              std::span<const std::string> names);
+              std::span<const std::string> names, const Rigid3& cam_from_body = {});
 
 }  // namespace raylift

@@ -40,6 +40,15 @@ std::optional<double> TimeInName(const std::string& name) {
   return ParseDouble(file.substr(0, file.rfind('.')));
 }
 
+double SecondsPerTick(double latest) {
+  double largest_seconds = 1e11, seconds = 1;
+  for (int thousandths = 0; thousandths < 3 && latest > largest_seconds; ++thousandths) {
+    largest_seconds *= 1000;
+    seconds *= 1e-3;
+  }
+  return seconds;
+}
+
 void WriteTumTrajectory(const std::filesystem::path& path, std::span<const TimedPose> poses) {
   std::string text = "# timestamp tx ty tz qx qy qz qw\n";
   for (const TimedPose& pose : poses) {

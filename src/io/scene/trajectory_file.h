@@ -23,6 +23,10 @@ struct TimedPose {
 // seconds; nullopt where it is none.
 std::optional<double> TimeInName(const std::string& name);
 
+// Returns the seconds of a unit of times whose file does not say it, by the size that times of this
+// century have in seconds, milli-, micro- and nanoseconds.
+double SecondsPerTick(double latest);
+
 // TUM's: lines `time tx ty tz qx qy qz qw`, in the given order.
 void WriteTumTrajectory(const std::filesystem::path& path, std::span<const TimedPose> poses);
 
