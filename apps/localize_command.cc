@@ -279,7 +279,12 @@ class LocalizeRun {
     WriteWalk(flags_.out, walked);
     std::vector<LocalizedQuery> localized;
     for (const QueryRecord& record : *records) localized.push_back(record.localized);
-    output_->Finish(localized, {scene_, queries_, warnings, times_},
+    output_->Finish(localized,
+                    {.scene = scene_,
+                     .queries = queries_,
+                     .warnings = warnings,
+                     .times = times_,
+                     .walked = walked ? &*walked : nullptr},
                     OptionsOfResults(options_json_));
     job.Finish(results.paths());
     if (walked && !flags_.run.quiet) PrintWalk(*walked);

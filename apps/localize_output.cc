@@ -65,8 +65,10 @@ void LocalizeOutput::Finish(const std::vector<LocalizedQuery>& localized, const 
   WriteFile(flags_.out / "options.json", options_json);
   if (report_) {
     WriteFile(flags_.report / "index.html",
-              report_->Format("Raylift: " + flags_.out.string(), run.scene.references.images,
-                              run.warnings));
+              report_->Format(
+                  "Raylift: " + flags_.out.string(), run.scene.references.images, run.warnings,
+                  run.walked != nullptr ? std::optional(ReportedWalk{*run.walked, run.queries})
+                                        : std::nullopt));
   }
   if (!flags_.write_model.empty()) {
     WriteColmapModel(flags_.write_model,

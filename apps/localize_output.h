@@ -57,6 +57,7 @@ class LocalizeOutput {
     std::span<const std::string> warnings = {};
     RunTimes times = {};
     size_t joined = 0;  // localized queries that became references
+    const WalkedQueries* walked = nullptr;
   };
   // All files but poses.txt, queries.jsonl and summary.json, and the summary on stdout.
   void Finish(const std::vector<LocalizedQuery>& localized, const Run& run,

@@ -11,7 +11,9 @@
 #include "base/json_text.h"
 #include "geometry/pose_json.h"
 #include "report/page.h"
+#include "report/query_facts.h"
 #include "report/scene_json.h"
+#include "report/walk_report.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -19,7 +21,6 @@
 #include "raylift/base/file.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/view_list.h"
-#include "raylift/renderers/frame_renderer.h"
 
 namespace raylift {
 namespace {
@@ -28,15 +29,9 @@ using Eigen::Vector2d;
 using std::filesystem::path;
 using Json = nlohmann::ordered_json;
 
-// Pictures are at most this wide.
-constexpr int kPagePictureWidthPx = 640;
 // More would hide the picture.
 constexpr size_t kMaxMarks = 250;
 constexpr size_t kMaxLines = 120;
-
-// Inverse depth of a plane is linear in the image: what its second difference is against its value
-// tells an edge or a crease from a slanted surface.
-constexpr double kLeastCrease = 0.01;
 
 double Rounded(double value) { return std::round(value * 10) / 10; }
 
@@ -82,59 +77,6 @@ std::optional<Vector2d> NearestOnEpipolarLine(const PoseProblem& problem, const 
     if (pixel) before = *pixel;
   }
   return nearest;
-}
-
-// Transparent but for edges and creases.
-Image EdgesOf(const DepthMap& map) {
-  Image edges{map.width_px, map.height_px, 4, {}};
-  edges.data.resize(static_cast<size_t>(4) * map.width_px * map.height_px);
-  const auto inverse = [&map](int x, int y) {
-    const float depth = map.At(x, y);
-    return depth > 0 ? 1 / static_cast<double>(depth) : 0;
-  };
-  for (int y = 1; y + 1 < map.height_px; ++y) {
-    for (int x = 1; x + 1 < map.width_px; ++x) {
-      const double here = inverse(x, y);
-      const double bend = std::max(std::abs(inverse(x - 1, y) - 2 * here + inverse(x + 1, y)),
-                                   std::abs(inverse(x, y - 1) - 2 * here + inverse(x, y + 1)));
-      if (!(bend > kLeastCrease * here) || here == 0) continue;
-      uint8_t* pixel = &edges.data[4 * (static_cast<size_t>(y) * map.width_px + x)];
-      pixel[0] = 255;
-      pixel[1] = 64;
-      pixel[2] = 160;
-      pixel[3] = 255;
-    }
-  }
-  return edges;
-}
-
-// Counts, verdict, uncertainty and times.
-Json QueryFacts(const LocalizedQuery& query) {
-  const StageCounts& counts = query.counts;
-  const PoseEstimate& estimate = query.estimate;
-  Json json = {{"query", query.name},
-               {"reason", query.reason},
-               {"verdict", ToString(query.verdict())},
-               {"confidence", query.confidence()},
-               {"position", nullptr},
-               {"rotation_deg", nullptr},
-               {"retrieved", counts.retrieved},
-               {"matched", counts.matched},
-               {"hit", counts.hit},
-               {"consistent", counts.filter.consistent},
-               {"inliers_2d3d", counts.inliers_2d3d},
-               {"inliers_2d2d", counts.inliers_2d2d},
-               {"keypoints", estimate.num_keypoints},
-               {"inlier_keypoints", estimate.inlier_keypoints}};
-  if (query.localized()) {
-    json["solver"] = ToString(estimate.solver);
-    if (estimate.refined_camera) json["focal_px"] = estimate.refined_camera->MeanFocalPx();
-    if (estimate.covariance) {
-      json["position_sigma"] = estimate.position_sigma;
-      json["rotation_sigma_deg"] = estimate.rotation_sigma_deg;
-    }
-  }
-  return json;
 }
 
 // Returns marks of some 2D-3D and some 2D-2D matches: [x, y, inlier, dx, dy], in pixels of the
@@ -200,21 +142,6 @@ Json MatchLines(const QueryResult& result, size_t reference) {
                      IsInlier(result.localized.estimate.inliers_2d2d, own[k]) ? 1 : 0});
   }
   return lines;
-}
-
-// Renders the mesh from the pose, and its edges and creases on a transparent ground, as
-// data URIs: {"rendering": ..., "edges": ...}.
-Json SeenFromPose(const QueryResult& result, const RayCaster& mesh) {
-  const Camera& camera = result.problem.query_camera;
-  const int width = std::min(kPagePictureWidthPx, camera.width_px());
-  const int height = std::max(1, camera.height_px() * width / camera.width_px());
-  const Camera small = camera.Scaled(width, height);
-  const Rigid3& pose = *result.localized.estimate.cam_from_world;
-  ColorOptions colors;
-  colors.background_rgb = {222, 226, 232};
-  if (!mesh.HasColors()) colors.shading = ColorOptions::Shading::kHeadlight;
-  return {{"rendering", JpegDataUri(RenderColor(mesh, small, pose, colors, 1), width)},
-          {"edges", PngDataUri(EdgesOf(RenderDepth(mesh, small, pose, 1)))}};
 }
 
 // The points of each query in the view in 3D.
@@ -306,7 +233,8 @@ struct LocalizationReport::Impl {
       if (!of_reference.is_null()) json["reference"]["photo"] = std::move(of_reference);
     }
     if (result.localized.localized() && options.mesh != nullptr) {
-      json.update(SeenFromPose(result, *options.mesh));
+      json.update(SeenFromPose(result.problem.query_camera,
+                               *result.localized.estimate.cam_from_world, *options.mesh));
     }
     return json;
   }
@@ -335,7 +263,8 @@ void LocalizationReport::Take(size_t index, const QueryResult& result) {
 
 std::string LocalizationReport::Format(std::string_view title,
                                        std::span<const PosedImage> references,
-                                       std::span<const std::string> warnings) const {
+                                       std::span<const std::string> warnings,
+                                       const std::optional<ReportedWalk>& walk) const {
   Json queries = Json::array();
   Json data = {{"title", title}};
   SceneJson scene;
@@ -348,9 +277,14 @@ std::string LocalizationReport::Format(std::string_view title,
     try {
       Json part = Json::parse(ReadFile(file));
       Json& query = part.at("query");
+      if (walk) {
+        TakeWalk(walk->walked.queries[i], walk->queries[i],
+                 impl_->IsPaged() ? nullptr : impl_->options.mesh.get(), part);
+      }
       const auto verdict = query.at("verdict").get<std::string>();
       ++count_of[verdict];
       AddToScene(part.at("scene"), query.at("query"), verdict, scene);
+      if (walk) AddSinglePose(walk->walked.queries[i], scene);
       if (query.contains("reference")) {  // not where it is beside the page
         shown_references.insert(query["reference"].at("name").get<std::string>());
       }
@@ -369,6 +303,7 @@ std::string LocalizationReport::Format(std::string_view title,
   data["warnings"] = warnings;
   data["rows"] = {{{"name", "this run"}, {"recalls", Json::array()}, {"queries", queries}}};
   data["scene"] = scene.Build();
+  if (walk) data["walk"] = WalkJson(walk->walked);
   return MakePage(title, JsonText(data));
 }
 

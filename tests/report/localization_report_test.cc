@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/file.h"
+#include "raylift/surfaces/mesh_files.h"
 
 namespace raylift {
 namespace {
@@ -101,6 +102,52 @@ TEST_F(LocalizationReportTest, LargeRunsHaveTheirPicturesBesideThePage) {
   const std::string file = ReadFile(folder / "queries/000001.js");
   EXPECT_EQ(file.find("takeQuery({"), 0u);
   EXPECT_THAT(file, HasSubstr("data:image/jpeg"));
+}
+
+// The first query is doubtful by itself; the walk has it one unit away, sure of it.
+TEST_F(LocalizationReportTest, AWalkHasTheLastWord) {
+  LocalizationReport report({.num_queries = 2,
+                             .query_images = scene_.images(),
+                             .mesh = std::make_shared<const RayCaster>(
+                                 std::make_shared<const TriangleMesh>(ReadMesh(scene_.mesh()))),
+                             .folder = scene_.folder / "page"});
+  WalkedQueries walked;
+  std::vector<Query> queries;
+  for (size_t i = 0; i < 2; ++i) {
+    report.Take(i, Result(i));
+    walked.queries.push_back({Result(i).localized, WalkRole::kSmoothed, 2.0 - 0.5 * i});
+    queries.push_back({scene_.queries[i].name, scene_.queries[i].camera});
+  }
+  WalkedQuery& first = walked.queries[0];
+  first.role = WalkRole::kReplaced;
+  first.lost_before = true;
+  first.single_cam_from_world = first.localized.estimate.cam_from_world;
+  first.single_confidence = 0.5;
+  PoseEstimate estimate = first.localized.estimate;
+  estimate.verdict = PoseVerdict::kLocalized;
+  estimate.confidence = 1;
+  estimate.cam_from_world->translation.x() += 1;
+  first.localized.TakeEstimate(estimate);
+
+  const nlohmann::json alone = DataOf(report.Format("title", scene_.references, {}));
+  EXPECT_FALSE(alone.contains("walk"));
+  const nlohmann::json data =
+      DataOf(report.Format("title", scene_.references, {}, ReportedWalk{walked, queries}));
+  EXPECT_EQ(data["subtitle"], "2 of 2 queries localized, 0 of them doubtful, against 6 references");
+  const nlohmann::json& query = data["rows"][0]["queries"][0];
+  EXPECT_EQ(query["verdict"], "localized");
+  EXPECT_EQ(query["walk"]["role"], "replaced");
+  EXPECT_EQ(query["walk"]["single_confidence"], 0.5);
+  EXPECT_EQ(query["points"][0].size(), 3U);
+  EXPECT_NE(query["rendering"], alone["rows"][0]["queries"][0]["rendering"]);
+  EXPECT_EQ(data["rows"][0]["queries"][1]["rendering"],
+            alone["rows"][0]["queries"][1]["rendering"]);
+  ASSERT_EQ(data["walk"]["frames"].size(), 2U);
+  EXPECT_EQ(data["walk"]["frames"][0]["query"], scene_.queries[1].name);
+  EXPECT_EQ(data["walk"]["frames"][1]["lost_before"], true);
+  size_t single = 0;
+  for (const auto& camera : data["scene"]["cameras"]) single += camera["kind"] == "single" ? 1 : 0;
+  EXPECT_EQ(single, 1U);
 }
 
 }  // namespace

@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -14,6 +15,7 @@
 #include "raylift/localization/localizer.h"
 #include "raylift/renderers/ray_caster.h"
 #include "raylift/scene/photographs.h"
+#include "raylift/sequences/smooth_queries.h"
 
 namespace raylift {
 
@@ -28,6 +30,12 @@ struct LocalizationReportOptions {
   std::filesystem::path folder = {};  // of the page
 };
 
+// What a walk made of the queries, in their order.
+struct ReportedWalk {
+  const WalkedQueries& walked;
+  std::span<const Query> queries;
+};
+
 class LocalizationReport {
  public:
   explicit LocalizationReport(LocalizationReportOptions options);
@@ -38,9 +46,12 @@ class LocalizationReport {
   // cannot be written.
   void Take(size_t index, const QueryResult& result);
 
-  // Makes the page of all parts. `warnings`: of the run. Throws InputError where a part is missing.
+  // Makes the page of all parts. `warnings`: of the run. Poses and verdicts are those of the walk
+  // where there is one, beside those of the single photographs. Throws InputError where a part is
+  // missing.
   std::string Format(std::string_view title, std::span<const PosedImage> references,
-                     std::span<const std::string> warnings) const;
+                     std::span<const std::string> warnings,
+                     const std::optional<ReportedWalk>& walk = std::nullopt) const;
 
  private:
   struct Impl;

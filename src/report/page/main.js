@@ -162,6 +162,10 @@ function querySection(rows) {
     const query = row.queries[chosen.query];
     const facts = [query.reason ? `not localized: ${query.reason}` : query.verdict ? null : query.position === null ? "no pose" : `position error ${number(query.position)} units, rotation error ${number(query.rotation_deg)}°`];
     facts.push(...verdictFacts(query));
+    if (query.walk) facts.push(`the walk: ${query.walk.means}`);
+    if (query.walk && query.walk.single_confidence !== undefined) {
+      facts.push(`by itself wrong with probability ${number(1 - query.walk.single_confidence)}`);
+    }
     if (query.solver) facts.push(`the pose comes from ${query.solver}`);
     if (query.position_sigma !== undefined) {
       facts.push(`expected error: position ${number(query.position_sigma)} units, rotation ${number(query.rotation_sigma_deg)}° (one standard deviation)`);
@@ -203,6 +207,7 @@ function querySection(rows) {
         node: (query) => element("a", { href: "#queries" }, query.query) },
       ...(queries.some((query) => query.verdict) ? [{ title: "verdict", value: (query) => verdicts.indexOf(query.verdict),
         node: (query) => element("span", { class: `verdict ${query.verdict}` }, query.verdict) }] : []),
+      ...(queries.some((query) => query.walk) ? [{ title: "walk", value: (query) => query.walk.role, class: "text" }] : []),
       ...known.map(([key, title]) => ({ title, value: (query) => query[key], text: (query) => number(query[key]) })),
       ...(queries.some((query) => query.reason !== undefined)
         ? [{ title: "why not", value: (query) => query.reason, class: "text" }] : []),
@@ -308,6 +313,8 @@ function sceneSection(onPick) {
     caption.replaceChildren(camera.name, ...(isShown ? [": ", element("a", { href: "#queries" }, "its matches")] : []));
   });
   controls.append(element("button", { type: "button", onclick: () => view.home() }, "whole scene"));
+  if (data.walk) node.append(walkFacts());
+  if (data.walk && data.walk.frames.length > 1) controls.append(walkControl(view, caption));
   if (data.scene.mesh) {
     const box = element("input", { type: "checkbox", checked: "", onchange: () => { view.showMesh = box.checked; view.draw(); } });
     controls.append(element("label", {}, box, " mesh"));
@@ -318,9 +325,35 @@ function sceneSection(onPick) {
       view.draw();
     } });
     const name = { reference: "references", true: "true queries", estimated: "estimated queries", localized: "localized queries",
-      doubtful: "doubtful queries" }[kind] || kind;
+      doubtful: "doubtful queries", single: "photographs by themselves" }[kind] || kind;
     controls.append(element("label", {}, box, " ", element("span", { class: "dot", style: `background:${SceneView.colorOf(kind)}` }), ` ${name}`));
   }
+}
+
+// The frame of the walk at each time; it stands in the scene, whose caption tells what it is.
+function walkControl(view, caption) {
+  const { frames } = data.walk;
+  view.walk = frames;
+  const show = (index) => {
+    const frame = frames[index];
+    view.walkAt = index;
+    view.draw();
+    caption.replaceChildren(`${frame.query} at ${number(frame.time_s)} s: ${frame.role}`
+      + (frame.lost_before ? "; odometry was lost before it" : ""));
+  };
+  const input = element("input", { type: "range", min: 0, max: frames.length - 1, value: 0, "aria-label": "time",
+    oninput: () => show(+input.value) });
+  view.draw();
+  return element("label", {}, "walk ", input);
+}
+
+function walkFacts() {
+  const { frames, odometry } = data.walk;
+  const lost = frames.filter((frame) => frame.lost_before).map((frame) => frame.query);
+  const facts = odometry ? [`odometry: scale ${number(odometry.scale)}, noise of a step ${number(odometry.step_sigma)} units and `
+    + `${number(odometry.step_rotation_sigma_deg)}\u00b0`] : ["the walk told nothing of the odometry"];
+  if (lost.length) facts.push(`it was lost before ${lost.join(", ")}`);
+  return element("p", { class: "soft" }, facts.join("; "));
 }
 
 header();

@@ -215,6 +215,7 @@ class SceneView {
     context.putImageData(image, 0, 0);
     context.lineWidth = 1.5 * scale;
     for (const camera of this.cameras) if (this.shown.has(camera.kind)) this.paintCamera(context, camera);
+    if (this.walk) this.paintWalk(context);
     this.frames += 1;
     canvas.dataset.frames = this.frames;
   }
@@ -287,7 +288,28 @@ class SceneView {
     context.stroke();
   }
 
+  // The way from frame to frame, broken where odometry was lost, and where the walk is now.
+  paintWalk(context) {
+    const camera = (frame) => this.cameras.find((one) => one.name === frame.query && !["reference", "single"].includes(one.kind));
+    context.strokeStyle = "#4aa8ff";
+    context.beginPath();
+    let before = null;
+    for (const frame of this.walk) {
+      const place = camera(frame) ? this.project(camera(frame).center) : null;
+      if (place && before && !frame.lost_before) { context.moveTo(before[0], before[1]); context.lineTo(place[0], place[1]); }
+      before = place;
+    }
+    context.stroke();
+    const now = this.walkAt === undefined ? null : camera(this.walk[this.walkAt]);
+    const place = now ? this.project(now.center) : null;
+    if (!place) return;
+    context.fillStyle = "#ffffff";
+    context.beginPath();
+    context.arc(place[0], place[1], 4 * context.lineWidth, 0, 2 * Math.PI);
+    context.fill();
+  }
+
   static colorOf(kind) {
-    return { reference: "#9aa5b1", true: "#56d3a5", estimated: "#ffab4a", localized: "#56d3a5", doubtful: "#ffab4a" }[kind] || "#ffffff";
+    return { reference: "#9aa5b1", single: "#e06c9f", true: "#56d3a5", estimated: "#ffab4a", localized: "#56d3a5", doubtful: "#ffab4a" }[kind] || "#ffffff";
   }
 }
