@@ -244,6 +244,7 @@ void BindScene(py::module_& module);
 void BindLocalization(py::module_& module);
 void BindFeatures(py::module_& module);
 void BindIo(py::module_& module);
+void BindTracking(py::module_& module);
 
 // The value of an enum by its name on the command line.
 template <NamedEnum Enum>

@@ -8,6 +8,7 @@
 #include "apps/python/conversions.h"
 #include "apps/python/estimate_state.h"
 #include "apps/python/geometry_source.h"
+#include "apps/python/known_result.h"
 #include "base/progress.h"
 #include "estimation/fields.h"
 #include "lifting/fields.h"
@@ -139,6 +140,7 @@ class SceneLocalizer {
     return calibrated_;
   }
   const Scene& scene() const { return *scene_; }
+  const ScenePointer& shared_scene() const { return scene_; }
   const LocalizerOptions& options() const { return options_; }
   const MatchingOptions& matching() const { return matching_; }
   int threads() const { return threads_; }
@@ -171,16 +173,6 @@ class SceneLocalizer {
   std::shared_ptr<const MatchSource> source_;
   std::shared_ptr<const Scene> calibrated_;
 };
-
-// A result with what the localizer that made it knew of the scene.
-struct KnownResult : QueryResult {
-  KnownResult() = default;
-  KnownResult(QueryResult result, const Localizer& localizer)
-      : QueryResult(std::move(result)), scene_noise(localizer.options().estimator.scene_noise) {}
-
-  std::optional<SceneNoise> scene_noise;
-};
-using ResultPointer = std::shared_ptr<KnownResult>;
 
 using CameraArgument = std::optional<CameraLike>;
 
@@ -485,6 +477,9 @@ query a match is of. Priors and focal_... as of raylift.Query.)")
           py::arg("file"),
           "Writes what is known of the scene, for the option scene_calibration and\n"
           "`raylift localize --scene-calibration`.")
+      .def_property_readonly(
+          "scene", [](const SceneLocalizer& localizer) { return localizer.shared_scene(); },
+          "The scene, with what the option scene_calibration says of it.")
       .def("leave_one_out", &LeaveOneOut, py::kw_only(), py::arg("threads") = 0,
            py::arg("progress") = py::none(),
            "Each reference as a query of the others: what is to be expected where no query's pose\n"

@@ -190,6 +190,7 @@ PYBIND11_MODULE(_core, module) {
   BindLifting(module);
   BindScene(module);
   BindLocalization(module);
+  BindTracking(module);
   BindIo(module);
   BindProgram(module);
   WrapFunctions(module);

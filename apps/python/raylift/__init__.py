@@ -42,6 +42,7 @@ from ._core import (
     Rigid3,
     Scene,
     SfmPoints,
+    TrackedPose,
     estimate_all,
     extract_features,
     filter_points,
@@ -63,6 +64,7 @@ from ._core import (
 )
 from ._core import VERSION as __version__
 from ._estimation import estimate_pose
+from ._tracking import Tracker
 
 __all__ = [
     "Camera",
@@ -84,6 +86,8 @@ __all__ = [
     "Rigid3",
     "Scene",
     "SfmPoints",
+    "TrackedPose",
+    "Tracker",
     "__version__",
     "color",
     "colour",

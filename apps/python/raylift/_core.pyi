@@ -9,7 +9,7 @@ import numpy.typing
 import raylift._types
 import typing
 import typing_extensions
-__all__: list[str] = ['Camera', 'ColmapModel', 'DepthMaps', 'Geometry', 'InputError', 'Lifter', 'LocalizedQuery', 'Localizer', 'Mesh', 'OptionError', 'PYBIND11_MAJOR', 'PoseEstimate', 'PoseProblem', 'PosedImage', 'Query', 'RayCaster', 'Rigid3', 'Scene', 'SfmPoints', 'VERSION', 'estimate', 'estimate_all', 'extract_features', 'filter_points', 'merge_candidates', 'read_depth', 'read_image', 'read_poses', 'read_queries', 'refine_pose', 'run_command', 'run_program', 'solve_d3p1', 'solve_e5p1', 'solve_gp3p', 'solve_known_center', 'solve_p3p', 'solve_up2p', 'write_depth', 'write_poses', 'write_queries']
+__all__: list[str] = ['Camera', 'ColmapModel', 'DepthMaps', 'Geometry', 'InputError', 'Lifter', 'LocalizedQuery', 'Localizer', 'Mesh', 'OptionError', 'PYBIND11_MAJOR', 'PoseEstimate', 'PoseProblem', 'PosedImage', 'Query', 'RayCaster', 'Rigid3', 'Scene', 'SceneTracker', 'SfmPoints', 'TrackedPose', 'VERSION', 'estimate', 'estimate_all', 'extract_features', 'filter_points', 'merge_candidates', 'read_depth', 'read_image', 'read_poses', 'read_queries', 'refine_pose', 'run_command', 'run_program', 'solve_d3p1', 'solve_e5p1', 'solve_gp3p', 'solve_known_center', 'solve_p3p', 'solve_up2p', 'write_depth', 'write_poses', 'write_queries']
 class InputError(ValueError):
     """
     Bad input: a file, or an argument's value. One line that names it, the place
@@ -855,6 +855,66 @@ class Localizer:
         """
         Writes what is known of the scene, for the option scene_calibration and
         `raylift localize --scene-calibration`.
+        """
+    @property
+    def scene(self) -> Scene:
+        """
+        The scene, with what the option scene_calibration says of it.
+        """
+class TrackedPose:
+    """
+    A photograph of a walk. True where it has a pose.
+    """
+    def __bool__(self) -> bool:
+        ...
+    def __repr__(self) -> str:
+        ...
+    @property
+    def lost_before(self) -> bool:
+        """
+        Whether odometry was lost since the photograph before.
+        """
+    @property
+    def result(self) -> LocalizedQuery:
+        """
+        The LocalizedQuery: pose, covariance and verdict by the walk up to here.
+        """
+    @property
+    def role(self) -> str:
+        """
+        "alone", "smoothed", "replaced", "rescued" or "dropped": what the walk did with the
+        photograph's own pose.
+        """
+    @property
+    def scale(self) -> float:
+        """
+        Scene units per unit of the odometry.
+        """
+    @property
+    def single_cam_from_world(self) -> Rigid3 | None:
+        """
+        The photograph's own pose where the walk has changed it, or None.
+        """
+    @property
+    def single_confidence(self) -> float:
+        """
+        The probability that the photograph's own pose is right, by itself.
+        """
+    @property
+    def world_from_odometry(self) -> Rigid3 | None:
+        """
+        The odometry's frame in the world, its translations times `scale`; None while the walk
+        is not found in the map, or lost.
+        """
+class SceneTracker:
+    """
+    What raylift.Tracker is made of.
+    """
+    def __init__(self, scene: Scene, odometry_scale: str, min_confidence: typing.SupportsFloat | typing.SupportsIndex) -> None:
+        ...
+    def add(self, alone: LocalizedQuery, cam_from_odometry: raylift._types.PoseLike, time: typing.SupportsFloat | typing.SupportsIndex) -> TrackedPose:
+        """
+        The next photograph, which was localized by itself.
         """
 class ColmapModel:
     """

@@ -1,0 +1,74 @@
+"""Walks, one photograph after the other."""
+
+import json
+
+import numpy as np
+import pytest
+from scenes import DEMO, MESH, HlocScene
+
+import raylift
+
+
+@pytest.fixture(scope="module")
+def hloc(tmp_path_factory):
+    return HlocScene(tmp_path_factory.mktemp("tracking"))
+
+
+@pytest.fixture(scope="module")
+def localizer(hloc):
+    files = {"features": hloc.features, "matches": hloc.matches_file, "pairs": hloc.pairs}
+    return raylift.Localizer(raylift.Scene(DEMO / "model", [MESH]), **files)
+
+
+@pytest.fixture(scope="module")
+def odometry(hloc):
+    """The true motion in a frame of its own, by name."""
+    world_from_odometry = raylift.Rigid3([0.5, 0.5, -0.5, 0.5], [3, -2, 1])
+    return {name: hloc.truth[name].cam_from_world * world_from_odometry for name, _ in hloc.queries}
+
+
+def test_tracker_is_localize_online(hloc, localizer, odometry, tmp_path):
+    raylift.write_poses(tmp_path / "odometry.txt", odometry)
+    out = tmp_path / "out"
+    raylift.localize(out, model=DEMO / "model", geometry=MESH, queries=hloc.query_list, features=hloc.features,
+                     matches=hloc.matches_file, pairs=hloc.pairs, odometry=tmp_path / "odometry.txt", online=True)
+    walked = {line["name"]: line for line in map(json.loads, open(out / "queries.jsonl"))}
+    alone = localizer.localize_all(hloc.queries)
+    tracker = raylift.Tracker(localizer)
+    for time, name in enumerate(sorted(odometry)):
+        tracked = tracker.add(alone[name], cam_from_odometry=odometry[name], time=time)
+        assert tracked and tracked.role == walked[name]["walk"]["role"]
+        pose = tracked.result.cam_from_world
+        assert list(pose.qvec) + list(pose.tvec) == [
+            *walked[name]["cam_from_world"]["qvec"], *walked[name]["cam_from_world"]["tvec"]]
+        assert np.abs(pose.center - hloc.truth[name].cam_from_world.center).max() < 0.01
+        assert np.abs((tracked.world_from_odometry.inverse() * pose.inverse()).tvec - odometry[name].center).max() < 1e-9
+        assert tracked.scale == 1 and not tracked.lost_before
+
+
+def test_a_photograph_without_a_pose_gets_the_walks(hloc, localizer, odometry):
+    tracker = raylift.Tracker(localizer, odometry_scale="known")
+    names = sorted(odometry)
+    alone = localizer.localize_all(hloc.queries)
+    for time, name in enumerate(names[:-1]):
+        tracker.add(alone[name], cam_from_odometry=odometry[name], time=time)
+    last, camera = names[-1], dict(hloc.queries)[names[-1]]
+    nothing = localizer.localize_matches(camera, np.empty((0, 2)), np.empty((0, 2)), [], name=last)
+    assert not nothing
+    tracked = tracker.add(nothing, cam_from_odometry=odometry[last], time=10)
+    assert tracked.role == "rescued" and tracked.single_cam_from_world is None
+    assert np.abs(tracked.result.cam_from_world.center - hloc.truth[last].cam_from_world.center).max() < 0.05
+    assert "rescued" in repr(tracked)
+
+
+def test_what_is_no_walk_is_refused(hloc, localizer, odometry):
+    name = hloc.queries[0][0]
+    alone = localizer.localize_all(hloc.queries[:1])[name]
+    tracker = raylift.Tracker(localizer)
+    tracker.add(alone, cam_from_odometry=odometry[name], time=1)
+    with pytest.raises(raylift.InputError, match="expected a time after 1 s, found 1 s"):
+        tracker.add(alone, cam_from_odometry=odometry[name], time=1)
+    with pytest.raises(raylift.OptionError, match="odometry_scale"):
+        raylift.Tracker(localizer, odometry_scale="guessed")
+    with pytest.raises(raylift.OptionError, match="min_confidence"):
+        raylift.Tracker(localizer, min_confidence=2)
