@@ -37,7 +37,7 @@ using std::filesystem::path;
 struct PerturbFlags {
   ReferenceFlags references;
   std::string geometry;
-  std::string format = "exr";
+  std::string format = "npy";
   path out;
   std::vector<double> rotation_deg = {0, 0, 0}, shift_px = {0, 0};
   DepthMisalignment misalignment;  // all but these two

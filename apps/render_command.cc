@@ -175,7 +175,7 @@ void AddProductOptions(CLI::App& command, RenderFlags& flags) {
       .OnePerUse();
   DepthWriteOptions& floats = flags.job.storage.floats;
   group.Add("--exr-compression", floats.exr_compression, "{}; pxr24 keeps 24 of 32 bits");
-  group.Add("--sample", floats.sample, "{}, of EXR, NPY and NPZ");
+  group.Add("--sample", floats.sample, "{}, of NPY, EXR and NPZ");
   group.Add("--png-step", floats.png_step, "Scene units per count of a 16-bit PNG");
   group.Add("--out-of-range", floats.out_of_range,
             "{}: what to do with depth that a PNG or half cannot hold");

@@ -13,12 +13,12 @@ namespace {
 
 using std::filesystem::path;
 
-constexpr std::array<std::string_view, 7> kOfDepth = {"exr", "npy",  "npz", "png",
+constexpr std::array<std::string_view, 7> kOfDepth = {"npy", "exr",  "npz", "png",
                                                       "bin", "tiff", "pfm"};
-constexpr std::array<std::string_view, 5> kOfAngles = {"exr", "npy", "npz", "tiff", "pfm"};
-constexpr std::array<std::string_view, 5> kOfNormals = {"exr", "npy", "npz", "png", "bin"};
-constexpr std::array<std::string_view, 3> kOfPoints = {"exr", "npy", "npz"};
-constexpr std::array<std::string_view, 3> kOfIndices = {"exr", "npy", "npz"};
+constexpr std::array<std::string_view, 5> kOfAngles = {"npy", "exr", "npz", "tiff", "pfm"};
+constexpr std::array<std::string_view, 5> kOfNormals = {"npy", "exr", "npz", "png", "bin"};
+constexpr std::array<std::string_view, 3> kOfPoints = {"npy", "exr", "npz"};
+constexpr std::array<std::string_view, 3> kOfIndices = {"npy", "exr", "npz"};
 constexpr std::array<std::string_view, 2> kOfColor = {"png", "jpg"};
 constexpr std::array<std::string_view, 1> kOfMask = {"png"};
 

@@ -27,7 +27,7 @@ TEST(Perturb, WritesMapsOfEveryFormatThatItReadsAgain) {
                     "--out", out, "--format", format, "--scale", "2"});
     ASSERT_TRUE(Succeeds(result));
     for (const PosedImage& reference : scene.references) {
-      const auto before = ReadDepthFile(clean / fs::path(reference.name).replace_extension(".exr"));
+      const auto before = ReadDepthFile(clean / fs::path(reference.name).replace_extension(".npy"));
       const auto after = ReadDepthFile(out / fs::path(reference.name).replace_extension(format));
       const double unit = after.sample_type == "uint16" ? 0.001 : 1;
       ASSERT_EQ(before.values.size(), after.values.size());
@@ -48,7 +48,7 @@ TEST(Perturb, TheSameBytesForAnyNumberOfThreads) {
   ASSERT_TRUE(Succeeds(RunRaylift(Perturb(scene, one) + noise + Arguments{"--threads", "1"})));
   ASSERT_TRUE(Succeeds(RunRaylift(Perturb(scene, two) + noise + Arguments{"--threads", "2"})));
   for (const PosedImage& reference : scene.references) {
-    const auto file = fs::path(reference.name).replace_extension(".exr");
+    const auto file = fs::path(reference.name).replace_extension(".npy");
     EXPECT_EQ(ReadFile(one / file), ReadFile(two / file));
   }
 }
@@ -63,7 +63,7 @@ TEST(Perturb, ShiftsMapsAndTakesThoseOfOtherFrames) {
   ASSERT_TRUE(Succeeds(RunRaylift(Perturb(scene, late) + Arguments{"--time-offset", "1"})));
   std::vector<std::string> names;
   for (const PosedImage& reference : scene.references) {
-    names.push_back(fs::path(reference.name).replace_extension(".exr"));
+    names.push_back(fs::path(reference.name).replace_extension(".npy"));
   }
   std::sort(names.begin(), names.end());
   const auto before = ReadDepthFile(clean / names[0]), after = ReadDepthFile(off / names[0]);

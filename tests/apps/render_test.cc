@@ -94,7 +94,7 @@ TEST_F(Render, WritesDepthAndSaysWhat) {
   EXPECT_EQ(ReadManifest(out_ / "manifest.jsonl").size(), images);
   EXPECT_EQ(FilesBelow(out_ / "depth").size(), images);
   const StoredDepth depth =
-      ReadDepthFile(out_ / "depth" / fs::path(scene_.queries[0].name).replace_extension(".exr"));
+      ReadDepthFile(out_ / "depth" / fs::path(scene_.queries[0].name).replace_extension(".npy"));
   EXPECT_EQ(depth.width_px, scene_.queries[0].camera.width_px());
   EXPECT_GT(ReadImage(out_ / "preview.png", ImageChannels::kRgb).width_px, 240);
 }
@@ -129,7 +129,7 @@ TEST_F(Render, ScaledImagesHaveAModelOfTheirOwn) {
     ASSERT_NE(of, scene_.queries.end()) << image.name;
     EXPECT_LT((image.CamFromWorld().translation - of->cam_from_world.translation).norm(), 1e-9);
     const StoredDepth depth =
-        ReadDepthFile(scaled / "depth" / fs::path(image.name).replace_extension(".exr"));
+        ReadDepthFile(scaled / "depth" / fs::path(image.name).replace_extension(".npy"));
     EXPECT_EQ(model.cameras.at(image.camera_id).width_px(), depth.width_px);
     const fs::path points = scaled / "points" / fs::path(image.name).replace_extension(".npz");
     EXPECT_NE(ReadFile(points).find("points.npy"), std::string::npos);
@@ -433,10 +433,10 @@ TEST_F(Render, FilesThatHaveChangedAreFoundAndRenderedAgain) {
   std::string bytes = ReadFile(flipped);
   bytes[bytes.size() / 2] ^= 1;
   WriteFile(flipped, bytes);
-  fs::remove(out_ / "depth/seq2/0002.exr");
+  fs::remove(out_ / "depth/seq2/0002.npy");
   const CommandResult bad = RunRaylift({"verify", out_});
   EXPECT_EQ(bad.exit_code, 3);
-  EXPECT_EQ(bad.out, "normals/seq1/0001.npy has other contents\ndepth/seq2/0002.exr is missing\n");
+  EXPECT_EQ(bad.out, "normals/seq1/0001.npy has other contents\ndepth/seq2/0002.npy is missing\n");
   EXPECT_NE(bad.err.find("2 of 21 files"), std::string::npos) << bad.err;
   const CommandResult resumed = RunRaylift(ManyImages(cameras, out_) + Arguments{"--resume"});
   ASSERT_TRUE(Succeeds(resumed));

@@ -84,8 +84,8 @@ TEST(SceneOption, OtherCommandsTakeWhatTheyCanUse) {
   EXPECT_TRUE(
       Succeeds(RunRaylift({"render", "--scene", scene, "--geometry", "all", "--every", "3",
                            "--every-offset", "2", "--out", room.folder / "rendered", "--quiet"})));
-  EXPECT_TRUE(std::filesystem::exists(room.folder / "rendered/depth/ref/05.exr"));
-  EXPECT_FALSE(std::filesystem::exists(room.folder / "rendered/depth/ref/00.exr"));
+  EXPECT_TRUE(std::filesystem::exists(room.folder / "rendered/depth/ref/05.npy"));
+  EXPECT_FALSE(std::filesystem::exists(room.folder / "rendered/depth/ref/00.npy"));
   EXPECT_TRUE(Succeeds(RunRaylift({"compare", "--scene", scene, "--truth", "all", "--max-side",
                                    "32", "--out", room.folder / "comparison"})));
 }

@@ -77,7 +77,7 @@ struct ProductOutput {
   std::string format;  // one of FormatsOf(product); also the files' extension
 };
 
-// The formats that can hold a product, the default first: of "exr", "npy", "npz", "png", "tiff",
+// The formats that can hold a product, the default first: of "npy", "exr", "npz", "png", "tiff",
 // "bin" (COLMAP), "pfm", "jpg".
 std::span<const std::string_view> FormatsOf(Product product);
 
