@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import raylift
+from scenes import DEMO, MESH, truth
 from synthetic import CAMERA, Problem
 
 FLOAT, UINT8, INT64 = 1, 2, 7
@@ -39,7 +40,8 @@ def value(name, kind, shape):
 
 
 def node(kind, inputs, output, **attributes):
-    text = b"".join(field(1, name) for name in inputs) + field(2, output) + field(4, kind)
+    outputs = [output] if isinstance(output, str) else output
+    text = b"".join(field(1, name) for name in inputs) + b"".join(field(2, name) for name in outputs) + field(4, kind)
     for name, number in attributes.items():
         if isinstance(number, list):
             text += field(5, field(1, name) + b"".join(field(8, n) for n in number) + field(20, 7))
@@ -195,3 +197,63 @@ def test_wrong_files_and_roles_are_input_errors(tmp_path):
         raylift.onnx.Matcher(file)(photograph(), photograph())
     with pytest.raises(raylift.InputError, match="image: expected a uint8 array"):
         raylift.onnx.Extractor(file)(np.zeros((4, 4)))
+
+
+def upright_sift(file, height, width, count=1500):
+    """Corners (Harris) and upright histograms of gradients around them, as SIFT's, at one scale."""
+    y, x = np.mgrid[-6:7, -6:7].astype(np.float32)
+
+    def gaussian(sigma):
+        weights = np.exp(-(x**2 + y**2) / (2 * sigma**2))
+        return weights / weights.sum()
+
+    narrow = gaussian(1.0)
+    slopes = np.stack([-x * narrow, -y * narrow])[:, None]  # d/dx, d/dy of the blurred picture
+    angles = np.arange(8) * np.pi / 4
+    directions = np.float32(np.stack([np.cos(angles), np.sin(angles)], 1))[:, :, None, None]
+    inside = np.zeros((1, 1, height, width), np.float32)
+    inside[..., 16:-16, 16:-16] = 1
+    cells = np.array([-9, -3, 3, 9])
+    offsets = (cells[:, None] * width + cells).reshape(-1)
+    constants = [("slopes", slopes), ("directions", directions),
+                 ("blur", gaussian(2.0)[None, None]), ("pool", np.repeat(gaussian(3.0)[None, None], 8, axis=0)),
+                 ("inside", inside), ("count", np.int64([count])), ("plane", np.int64([8, -1])), ("flat", np.int64([-1])),
+                 ("offsets", np.int64(offsets)[None]), ("row", np.int64([[-1, 1]])[0]), ("width", np.int64([width])),
+                 ("columns", np.int64([count, 128])), ("few", np.float32([0.04])), ("tiny", np.float32([1e-9])),
+                 ("x", np.int64([0])), ("y", np.int64([1]))]
+    same = [6, 6, 6, 6]
+    nodes = [
+        node("Conv", ["image", "slopes"], "gradient", pads=same), node("Split", ["gradient"], ["gx", "gy"], axis=1),
+        node("Mul", ["gx", "gx"], "gxx"), node("Mul", ["gx", "gy"], "gxy"), node("Mul", ["gy", "gy"], "gyy"),
+        *(node("Conv", ["g" + of, "blur"], "s" + of, pads=same) for of in ("xx", "xy", "yy")),
+        node("Mul", ["sxx", "syy"], "product"), node("Mul", ["sxy", "sxy"], "mixed"), node("Sub", ["product", "mixed"], "det"),
+        node("Add", ["sxx", "syy"], "trace"), node("Mul", ["trace", "trace"], "trace2"), node("Mul", ["trace2", "few"], "edge"),
+        node("Sub", ["det", "edge"], "corner"),
+        node("MaxPool", ["corner"], "largest", kernel_shape=[7, 7], strides=[1, 1], pads=[3, 3, 3, 3]),
+        node("GreaterOrEqual", ["corner", "largest"], "is_peak"), node("Cast", ["is_peak"], "peak", to=FLOAT),
+        node("Mul", ["corner", "peak"], "peaks"), node("Mul", ["peaks", "inside"], "kept"), node("Reshape", ["kept", "flat"], "list"),
+        node("TopK", ["list", "count"], ["scores", "places"]),
+        node("Div", ["places", "width"], "rows"), node("Mul", ["rows", "width"], "starts"), node("Sub", ["places", "starts"], "columns_of"),
+        node("Cast", ["columns_of"], "u", to=FLOAT), node("Cast", ["rows"], "v", to=FLOAT),
+        node("Unsqueeze", ["u", "y"], "u1"), node("Unsqueeze", ["v", "y"], "v1"), node("Concat", ["u1", "v1"], "keypoints", axis=1),
+        node("Conv", ["gradient", "directions"], "along"), node("Relu", ["along"], "strength"),
+        node("Conv", ["strength", "pool"], "pooled", pads=same, group=8), node("Reshape", ["pooled", "plane"], "histograms"),
+        node("Unsqueeze", ["places", "y"], "centers"), node("Add", ["centers", "offsets"], "cells"),
+        node("Gather", ["histograms", "cells"], "by_direction", axis=1), node("Transpose", ["by_direction"], "by_point", perm=[1, 2, 0]),
+        node("Reshape", ["by_point", "columns"], "numbers"), node("ReduceSum", ["numbers", "y"], "sum", keepdims=1),
+        node("Add", ["sum", "tiny"], "total"), node("Div", ["numbers", "total"], "shares"), node("Sqrt", ["shares"], "descriptors")]
+    return write_graph(file, [("image", FLOAT, [1, 1, height, width])], nodes,
+                       [("keypoints", FLOAT, [count, 2]), ("descriptors", FLOAT, [count, 128]), ("scores", FLOAT, [count])],
+                       constants)
+
+
+def test_a_made_extractor_localizes_the_demo(tmp_path):
+    scene = raylift.Scene(DEMO / "model", [MESH], images=DEMO / "images")
+    extractor = raylift.onnx.Extractor(upright_sift(tmp_path / "made.onnx", 480, 640))
+    localizer = raylift.Localizer(scene, extractor=extractor, extractor_name="upright-sift")
+    near = 0
+    for name, camera in raylift.read_queries(DEMO / "queries.txt"):
+        found = localizer.localize(DEMO / "images" / name, camera, name=name)
+        pose = truth()[name].cam_from_world
+        near += bool(found) and np.linalg.norm(found.cam_from_world.center - pose.center) < 0.1
+    assert near >= 9
