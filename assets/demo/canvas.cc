@@ -34,8 +34,11 @@ void Canvas::Text(const Rect& area, const std::string& text, const Color& color,
               std::max(1, static_cast<int>(area.height() * px_per_m_))},
              0, 0, cv::INTER_AREA);
   Paint(area, [&](double x, double y, Color& texel) {
-    const int column = static_cast<int>((x - area.x0) / area.width() * mask.cols);
-    const int row = static_cast<int>((area.y1 - y) / area.height() * mask.rows);
+    // A texel whose center is on the area's edge may round to one beyond the mask.
+    const int column =
+        std::clamp(static_cast<int>((x - area.x0) / area.width() * mask.cols), 0, mask.cols - 1);
+    const int row =
+        std::clamp(static_cast<int>((area.y1 - y) / area.height() * mask.rows), 0, mask.rows - 1);
     texel = Mix(texel, color, opacity * mask.at<uint8_t>(row, column) / 255.0);
   });
 }

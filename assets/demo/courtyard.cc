@@ -21,6 +21,10 @@ const Frame kEastWall{{16, 12, 0}, {0, -1, 0}, {0, 0, 1}, {-1, 0, 0}};
 const Frame kSouthWall{{16, 0, 0}, {-1, 0, 0}, {0, 0, 1}, {0, 1, 0}};
 const Frame kWestWall{{0, 0, 0}, {0, 1, 0}, {0, 0, 1}, {1, 0, 0}};
 
+Material Whole(const Canvas& canvas, int texture) {
+  return {texture, {0, 0}, {1, 1}, {canvas.width_m(), canvas.height_m()}};
+}
+
 Opening Window(double x, double y, double width, double height, Top top = Top::kFlat) {
   return {Kind::kWindow, x, y, width, height, 0.16, top};
 }
@@ -130,7 +134,7 @@ void BuildNorth(Canvas& canvas, const Materials& m, MeshBuilder& mesh, const Rng
     openings.push_back(Window(x, 3.7, 1.1, 1.55, Top::kArched));
     openings.push_back(Window(x + 0.05, 6.2, 1.0, 1.3));
   }
-  Facade facade(kNorthWall, canvas, kNorth, openings, m.pale_stone, mesh, rng);
+  Facade facade(kNorthWall, canvas, Whole(canvas, kNorth), openings, m.pale_stone, mesh, rng);
   FinishWindows(facade, openings, m.white_paint, m.pale_stone, nullptr);
   for (const Opening& opening : openings) {
     if (opening.kind == Kind::kWindow) facade.AddSurround(opening, m.pale_stone, 0.13, 0.04);
@@ -162,7 +166,7 @@ void BuildEast(Canvas& canvas, const Materials& m, MeshBuilder& mesh, const Rng&
   openings.push_back({Kind::kDoor, 5.75, 3.52, 1.2, 2.1, 0.2, Top::kFlat, {0.35f, 0.46f, 0.55f}});
   openings.push_back(Window(8.2, 3.9, 1.0, 1.5));
   openings.push_back(Window(10.4, 3.9, 1.0, 1.5));
-  Facade facade(kEastWall, canvas, kEast, openings, m.pale_stone, mesh, rng);
+  Facade facade(kEastWall, canvas, Whole(canvas, kEast), openings, m.pale_stone, mesh, rng);
   FinishWindows(facade, {openings.begin() + 4, openings.end()}, m.white_paint, m.stone,
                 &m.louvers_blue);
   facade.AddJoinery(openings[3], m.blue_paint);
@@ -190,7 +194,7 @@ void BuildSouth(Canvas& canvas, const Materials& m, MeshBuilder& mesh, const Rng
       Window(13.2, 1.1, 1.1, 1.4)};
   for (double x : {0.9, 3.1, 5.3, 9.6, 11.8, 14.0}) openings.push_back(Window(x, 4.0, 1.05, 1.6));
   for (double x : {1.4, 5.4, 9.4, 13.4}) openings.push_back(Window(x, 6.75, 1.0, 1.15));
-  Facade facade(kSouthWall, canvas, kSouth, openings, m.stone, mesh, rng);
+  Facade facade(kSouthWall, canvas, Whole(canvas, kSouth), openings, m.stone, mesh, rng);
   const auto upper = openings.begin() + 5;
   FinishWindows(facade, {openings.begin() + 4, upper}, m.green_paint, m.stone, nullptr);
   FinishWindows(facade, {upper, upper + 6}, m.white_paint, m.stone, &m.louvers_green);
@@ -222,7 +226,7 @@ void BuildWest(Canvas& canvas, const Materials& m, MeshBuilder& mesh, const Rng&
       Window(10.3, 1.1, 0.95, 1.3)};
   for (double x : {1.0, 3.4, 6.3, 8.7, 10.6}) openings.push_back(Window(x, 4.1, 0.95, 1.5));
   openings.push_back({Kind::kNiche, 5.0, 3.3, 0.7, 1.5, 0.3, Top::kArched});
-  Facade facade(kWestWall, canvas, kWest, openings, m.stone, mesh, rng);
+  Facade facade(kWestWall, canvas, Whole(canvas, kWest), openings, m.stone, mesh, rng);
   FinishWindows(facade, {openings.begin() + 4, openings.end()}, m.white_paint, m.stone,
                 &m.louvers_brown);
   FinishWindows(facade, {openings.begin() + 2, openings.begin() + 4}, m.green_paint, m.stone,
@@ -324,20 +328,20 @@ Courtyard BuildCourtyard(uint64_t seed) {
   const Canvas ground = PaintGround(stream("ground"));
 
   Courtyard yard;
-  AddGround(yard.scene);
-  BuildNorth(north, materials, yard.scene, stream("north"));
-  BuildEast(east, materials, yard.scene, stream("east"));
-  BuildSouth(south, materials, yard.scene, stream("south"));
-  BuildWest(west, materials, yard.scene, stream("west"));
+  AddGround(yard.scene.mesh);
+  BuildNorth(north, materials, yard.scene.mesh, stream("north"));
+  BuildEast(east, materials, yard.scene.mesh, stream("east"));
+  BuildSouth(south, materials, yard.scene.mesh, stream("south"));
+  BuildWest(west, materials, yard.scene.mesh, stream("west"));
   Rng things = stream("things");
-  PropContext context{yard.scene, materials, things};
+  PropContext context{yard.scene.mesh, materials, things};
   FillYard(context);
   Rng newcomers = stream("newcomers");
   PropContext newcomer_context{yard.newcomers, materials, newcomers};
   AddNewcomers(newcomer_context);
-  yard.texture_names = {"north", "east", "south", "west", "ground", "things"};
-  yard.textures = {north.ToImage(), east.ToImage(),   south.ToImage(),
-                   west.ToImage(),  ground.ToImage(), atlas.canvas().ToImage()};
+  yard.scene.texture_names = {"north", "east", "south", "west", "ground", "things"};
+  yard.scene.textures = {north.ToImage(), east.ToImage(),   south.ToImage(),
+                         west.ToImage(),  ground.ToImage(), atlas.canvas().ToImage()};
   return yard;
 }
 

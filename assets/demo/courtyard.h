@@ -5,17 +5,14 @@
 #pragma once
 
 #include <cstdint>
-#include <string>
-#include <vector>
 
 #include "mesh_builder.h"
+#include "scene_writer.h"
 
 namespace raylift::demo {
 
 struct Courtyard {
-  std::vector<std::string> texture_names;
-  std::vector<Image> textures;
-  MeshBuilder scene;  // what the mesh file and the references show
+  TexturedScene scene;  // what the mesh file and the references show
   // What only the queries see: some things were put there since.
   MeshBuilder newcomers;
 };

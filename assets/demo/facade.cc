@@ -52,12 +52,10 @@ void KeepWallAboveArch(Canvas& canvas, const Canvas& wall, const Opening& openin
 
 }  // namespace
 
-Facade::Facade(const Frame& wall, Canvas& canvas, int texture, const std::vector<Opening>& openings,
-               const Material& reveal, MeshBuilder& mesh, Rng rng)
-    : wall_(wall),
-      sheet_{texture, {0, 0}, {1, 1}, {canvas.width_m(), canvas.height_m()}},
-      mesh_(mesh),
-      rng_(rng) {
+Facade::Facade(const Frame& wall, Canvas& canvas, const Material& sheet,
+               const std::vector<Opening>& openings, const Material& reveal, MeshBuilder& mesh,
+               Rng rng)
+    : wall_(wall), sheet_(sheet), mesh_(mesh), rng_(rng) {
   for (const Opening& opening : openings) {
     if (opening.y > 0.5) PaintStains(canvas, opening, static_cast<uint32_t>(rng_.NextBits()));
   }

@@ -27,10 +27,11 @@ struct Opening {
 
 class Facade {
  public:
-  // Takes the canvas's picture as the wall's texture; the base coat is already on it. Draws what
-  // is behind the openings, and the water stains beneath them, and builds the wall.
-  Facade(const Frame& wall, Canvas& canvas, int texture, const std::vector<Opening>& openings,
-         const Material& reveal, MeshBuilder& mesh, Rng rng);
+  // Takes the canvas's picture as the wall's texture, which `sheet` will show; the base coat is
+  // already on it. Draws what is behind the openings, and the water stains beneath them, and builds
+  // the wall.
+  Facade(const Frame& wall, Canvas& canvas, const Material& sheet,
+         const std::vector<Opening>& openings, const Material& reveal, MeshBuilder& mesh, Rng rng);
 
   // Wooden frame and cross bars of a window, of a door the frame only.
   void AddJoinery(const Opening& opening, const Material& paint);

@@ -18,8 +18,6 @@ namespace raylift::demo {
 
 namespace {
 
-constexpr int kSamplesPerSide = 3;
-constexpr int kSamples = kSamplesPerSide * kSamplesPerSide;
 constexpr int kSkyRaysPerSample = 4;
 constexpr double kSkyReach = 5;  // meters: what is farther away hides no sky
 constexpr double kOffset = 1e-4;
@@ -73,28 +71,28 @@ Eigen::Vector3f SkyColor(const Daylight& light, const Eigen::Vector3d& direction
   return srgb.unaryExpr([](float v) { return LinearFromSrgb()[static_cast<size_t>(255 * v)]; });
 }
 
-// One row of pixels, kSamples samples each, in batches of one kind of ray.
+// One row of pixels, some samples each, in batches of one kind of ray.
 class RowRenderer {
  public:
-  RowRenderer(const RayCaster& caster, const Camera& camera, const Rigid3& cam_from_world,
-              const Daylight& light)
+  RowRenderer(const RayCaster& caster, const PixelGrid& grid, const Daylight& light, int side)
       : caster_(caster),
-        camera_(camera),
-        world_from_cam_(cam_from_world.Inverse()),
+        grid_(grid),
         light_(light),
-        to_sun_(light.to_sun.normalized()) {}
+        to_sun_(light.to_sun.normalized()),
+        side_(side),
+        samples_(side * side) {}
 
   // Linear RGB of each pixel, before exposure; the sky is put in with `exposure` taken out.
   std::vector<Eigen::Vector3f> Render(int row) const {
     const std::vector<Ray> rays = ViewRays(row);
     const auto hits = caster_.Cast(rays);
     std::vector<Eigen::Vector3f> light = DirectAndSkyLight(rays, hits, row);
-    std::vector<Eigen::Vector3f> pixels(camera_.width_px(), Eigen::Vector3f::Zero());
+    std::vector<Eigen::Vector3f> pixels(grid_.width_px, Eigen::Vector3f::Zero());
     for (size_t i = 0; i < rays.size(); ++i) {
       const Eigen::Vector3f color =
           hits[i] ? Expose(Albedo(caster_.mesh(), *hits[i]).cwiseProduct(light[i]))
                   : SkyColor(light_, rays[i].direction_in_world);
-      pixels[i / kSamples] += color / kSamples;
+      pixels[i / samples_] += color / static_cast<float>(samples_);
     }
     return pixels;
   }
@@ -109,16 +107,13 @@ class RowRenderer {
 
   std::vector<Ray> ViewRays(int row) const {
     std::vector<Ray> rays;
-    rays.reserve(static_cast<size_t>(camera_.width_px()) * kSamples);
-    for (int column = 0; column < camera_.width_px(); ++column) {
-      for (int k = 0; k < kSamples; ++k) {
-        const int right = k % kSamplesPerSide;
-        const int down = k / kSamplesPerSide;
-        const Eigen::Vector2d pixel(column + (right + 0.5) / kSamplesPerSide,
-                                    row + (down + 0.5) / kSamplesPerSide);
-        // Every pixel of the demo's lenses has a ray.
-        const Eigen::Vector3d direction = camera_.RayInCam(pixel).value();
-        rays.push_back({world_from_cam_.translation, world_from_cam_.rotation * direction});
+    rays.reserve(static_cast<size_t>(grid_.width_px) * samples_);
+    for (int column = 0; column < grid_.width_px; ++column) {
+      for (int k = 0; k < samples_; ++k) {
+        const int right = k % side_;
+        const int down = k / side_;
+        const Eigen::Vector2d pixel(column + (right + 0.5) / side_, row + (down + 0.5) / side_);
+        rays.push_back(grid_.ray(pixel));
       }
     }
     return rays;
@@ -168,11 +163,11 @@ class RowRenderer {
   }
 
   // Spread over the hemisphere by the cosine law; the samples of one pixel share a sequence.
-  static Eigen::Vector3d SkyDirection(const Eigen::Vector3d& normal, int sample, int row, int k) {
-    const int pixel = sample / kSamples;
-    const int index = sample % kSamples * kSkyRaysPerSample + k;
+  Eigen::Vector3d SkyDirection(const Eigen::Vector3d& normal, int sample, int row, int k) const {
+    const int pixel = sample / samples_;
+    const int index = sample % samples_ * kSkyRaysPerSample + k;
     constexpr double kGolden = std::numbers::phi - 1;
-    const double u = (index + Hash(pixel, row, 1)) / (kSamples * kSkyRaysPerSample);
+    const double u = (index + Hash(pixel, row, 1)) / (samples_ * kSkyRaysPerSample);
     const double angle = 2 * std::numbers::pi * (index * kGolden + Hash(pixel, row, 2));
     const double radius = std::sqrt(u);
     const Eigen::Vector3d x = normal.unitOrthogonal();
@@ -181,10 +176,11 @@ class RowRenderer {
   }
 
   const RayCaster& caster_;
-  const Camera& camera_;
-  Rigid3 world_from_cam_;
+  const PixelGrid& grid_;
   const Daylight& light_;
   Eigen::Vector3d to_sun_;
+  int side_;
+  int samples_;
 };
 
 // Vignetting, blur, tone curve, noise.
@@ -213,11 +209,20 @@ Image Develop(cv::Mat linear, const Sensor& sensor, Rng rng) {
 
 }  // namespace
 
-Image TakePhotograph(const RayCaster& caster, const Camera& camera, const Rigid3& cam_from_world,
-                     const Daylight& light, const Sensor& sensor, uint64_t seed, int threads) {
-  const RowRenderer renderer(caster, camera, cam_from_world, light);
-  cv::Mat linear(camera.height_px(), camera.width_px(), CV_32FC3);
-  ParallelFor(static_cast<size_t>(camera.height_px()), threads, [&](size_t row) {
+PixelGrid GridOf(const Camera& camera, const Rigid3& cam_from_world) {
+  const Rigid3 world_from_cam = cam_from_world.Inverse();
+  return {camera.width_px(), camera.height_px(), [=](const Eigen::Vector2d& pixel) {
+            // Every pixel of the demo's lenses has a ray.
+            const Eigen::Vector3d direction = camera.RayInCam(pixel).value();
+            return Ray{world_from_cam.translation, world_from_cam.rotation * direction};
+          }};
+}
+
+Image TakePhotograph(const RayCaster& caster, const PixelGrid& grid, const Daylight& light,
+                     const Sensor& sensor, uint64_t seed, int threads) {
+  const RowRenderer renderer(caster, grid, light, sensor.samples_per_side);
+  cv::Mat linear(grid.height_px, grid.width_px, CV_32FC3);
+  ParallelFor(static_cast<size_t>(grid.height_px), threads, [&](size_t row) {
     const std::vector<Eigen::Vector3f> pixels = renderer.Render(static_cast<int>(row));
     for (size_t x = 0; x < pixels.size(); ++x) {
       linear.at<cv::Vec3f>(static_cast<int>(row), static_cast<int>(x)) = {

@@ -240,6 +240,39 @@ void AddParasol(PropContext& c, const Frame& frame) {
   c.mesh.Turned(frame, roof, 10, c.materials.parasol);
 }
 
+void AddCar(PropContext& c, const Frame& frame, const Material& paint, const Material& glass) {
+  const Material& tire = c.materials.iron;
+  c.mesh.Box(frame, {-2.1, -0.86, 0.3}, {2.1, 0.86, 0.62}, paint, c.rng);
+  // The body's upper half and the cabin taper off upwards.
+  const auto tapered = [&](double x0, double x1, double half_y, double z0, double z1, double in,
+                           const Material& sides) {
+    const auto corner = [&](int i, bool is_high) {
+      const double inset = is_high ? in : 0;
+      const bool is_front = i == 1 || i == 2, is_left = i >= 2;
+      return frame.At(is_front ? x1 - 1.3 * inset : x0 + inset,
+                      (is_left ? 1 : -1) * (half_y - 0.5 * inset), is_high ? z1 : z0);
+    };
+    for (int i = 0; i < 4; ++i) {
+      c.mesh.Quad(corner(i, false), corner((i + 1) % 4, false), corner((i + 1) % 4, true),
+                  corner(i, true), sides);
+    }
+    c.mesh.Quad(corner(0, true), corner(1, true), corner(2, true), corner(3, true), paint);
+  };
+  tapered(-2.1, 2.1, 0.86, 0.62, 0.88, 0.1, paint);
+  tapered(-1.9, 0.95, 0.78, 0.88, 1.42, 0.45, glass);
+  for (double x : {-1.35, 1.35}) {
+    for (double y : {-0.78, 0.78}) {
+      const Frame wheel{frame.At(x, y, 0.32), frame.x, -frame.z, frame.y};
+      const Profile profile{{0.02, -0.1}, {0.32, -0.1}, {0.32, 0.1}, {0.02, 0.1}};
+      c.mesh.Turned(wheel, profile, 14, tire);
+    }
+  }
+  for (double y : {-0.8, 0.5}) {
+    c.mesh.Box(frame, {2.08, y, 0.62}, {2.12, y + 0.3, 0.74}, c.materials.lamp_glass, c.rng);
+    c.mesh.Box(frame, {-2.12, y, 0.62}, {-2.08, y + 0.3, 0.74}, c.materials.red_paint, c.rng);
+  }
+}
+
 void AddWashingLine(PropContext& c, const Eigen::Vector3d& from, const Eigen::Vector3d& to) {
   const Eigen::Vector3d along = to - from;
   const auto at = [&](double t) {

@@ -28,6 +28,8 @@ void AddLampPost(PropContext& context, const Frame& frame);
 void AddCart(PropContext& context, const Frame& frame);
 void AddLadder(PropContext& context, const Frame& frame, double height_m);
 void AddParasol(PropContext& context, const Frame& frame);
+// Its front looks along x.
+void AddCar(PropContext& context, const Frame& frame, const Material& paint, const Material& glass);
 // Washing on a sagging line.
 void AddWashingLine(PropContext& context, const Eigen::Vector3d& from, const Eigen::Vector3d& to);
 

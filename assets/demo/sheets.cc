@@ -18,7 +18,20 @@ Color RandomColor(Rng& rng, double low, double high) {
           static_cast<float>(rng.Uniform(low, high))};
 }
 
-// Damp at the foot of a wall, soot under the eaves.
+// A spray can's bold bent line.
+void PaintScrawl(Canvas& canvas, const Rect& area, const Color& color, Rng& rng) {
+  double phase[4];
+  for (double& value : phase) value = rng.Uniform(0, 2 * std::numbers::pi);
+  for (int i = 0; i < 500; ++i) {
+    const double t = i / 500.0;
+    const double x = 0.5 + 0.48 * std::sin(5.1 * t + phase[0]) * std::cos(9.7 * t + phase[1]);
+    const double y = 0.5 + 0.45 * std::sin(14.3 * t + phase[2]) * std::cos(4.4 * t + phase[3]);
+    canvas.Disc(area.x0 + x * area.width(), area.y0 + y * area.height(), 0.035, color, 0.5);
+  }
+}
+
+}  // namespace
+
 void Weather(Canvas& canvas, uint32_t seed) {
   canvas.Paint({0, 0, canvas.width_m(), canvas.height_m()}, [&](double x, double y, Color& texel) {
     const double damp = 0.9 - y + 0.9 * (FractalNoise(1.5 * x, 1.5 * y, 4, seed) - 0.5);
@@ -50,18 +63,6 @@ void PaintPoster(Canvas& canvas, const Rect& area, const std::string& title, Rng
               "SAT 14 JUNE", ink, 0.9);
 }
 
-// A spray can's bold bent line.
-void PaintScrawl(Canvas& canvas, const Rect& area, const Color& color, Rng& rng) {
-  double phase[4];
-  for (double& value : phase) value = rng.Uniform(0, 2 * std::numbers::pi);
-  for (int i = 0; i < 500; ++i) {
-    const double t = i / 500.0;
-    const double x = 0.5 + 0.48 * std::sin(5.1 * t + phase[0]) * std::cos(9.7 * t + phase[1]);
-    const double y = 0.5 + 0.45 * std::sin(14.3 * t + phase[2]) * std::cos(4.4 * t + phase[3]);
-    canvas.Disc(area.x0 + x * area.width(), area.y0 + y * area.height(), 0.035, color, 0.5);
-  }
-}
-
 void PaintGraffiti(Canvas& canvas, const Rect& area, const std::string& text, const Color& color,
                    Rng& rng) {
   PaintScrawl(canvas, area, RandomColor(rng, 0.2, 0.9), rng);
@@ -75,8 +76,6 @@ void PaintHouseNumber(Canvas& canvas, double x, double y, const std::string& num
   canvas.Fill({x, y, x + 0.26, y + 0.2}, {0.12f, 0.22f, 0.48f});
   canvas.Text({x + 0.05, y + 0.04, x + 0.21, y + 0.16}, number, {0.97f, 0.97f, 0.95f});
 }
-
-}  // namespace
 
 Canvas PaintNorthSheet(Rng rng) {
   Canvas canvas(16, 8.4, kWallPxPerM);

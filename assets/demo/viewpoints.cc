@@ -9,9 +9,6 @@
 
 namespace raylift::demo {
 
-namespace {
-
-// Heading counter-clockwise from east, pitch up, roll clockwise, all in degrees.
 Rigid3 CamFromWorld(const Eigen::Vector3d& center, double heading_deg, double pitch_deg,
                     double roll_deg) {
   constexpr double kRadPerDeg = std::numbers::pi / 180;
@@ -29,8 +26,6 @@ Rigid3 CamFromWorld(const Eigen::Vector3d& center, double heading_deg, double pi
 std::string Numbered(const std::string& prefix, size_t number) {
   return prefix + (number < 10 ? "0" : "") + std::to_string(number) + ".jpg";
 }
-
-}  // namespace
 
 std::vector<PosedImage> ReferenceViews() {
   const Camera phone(CameraModel::kSimpleRadial, 640, 480, std::array{505.0, 321.5, 238.7, -0.045});

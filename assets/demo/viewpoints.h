@@ -2,6 +2,7 @@
 
 #pragma once
 
+#include <string>
 #include <vector>
 
 #include "base/rng.h"
@@ -9,6 +10,11 @@
 #include "raylift/scene/photographs.h"
 
 namespace raylift::demo {
+
+// Heading counter-clockwise from east, pitch up, roll clockwise, all in degrees.
+Rigid3 CamFromWorld(const Eigen::Vector3d& center, double heading_deg, double pitch_deg,
+                    double roll_deg);
+std::string Numbered(const std::string& prefix, size_t number);
 
 // References: two walks around the yard, one looking across it, one looking at the near fronts.
 std::vector<PosedImage> ReferenceViews();
