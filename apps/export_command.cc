@@ -366,17 +366,10 @@ Command AddExportCommand(CLI::App& program) {
             "Folder of the query photographs, for names that stand alone in the list");
   group.Add("--geometry", flags->geometry, "Of glb: mesh:PATH or dsm:FILE[,key=value...]");
   AddCrsOption(group, flags->world);
-  options.AddParsed(
-      "--to-crs", flags->to_crs,
-      [](std::string_view name, const std::string& text) {
-        try {
-          return Crs(text);
-        } catch (const InputError& error) {
-          throw OptionError(name, text, error.what());
-        }
-      },
-      "Of utm: the system of the positions (default: the world's own where it\n"
-      "is a map's, else WGS 84's zone of UTM)");
+  options.AddParsed("--to-crs", flags->to_crs,
+                    AsOption([](const std::string& text) { return Crs(text); }),
+                    "Of utm: the system of the positions (default: the world's own where it\n"
+                    "is a map's, else WGS 84's zone of UTM)");
   options.Flag("--angles", flags->angles,
                "Of geopose: Basic-YPR, yaw, pitch and roll, in place of Basic-Quaternion");
   options.Add("--names", flags->names,

@@ -161,14 +161,7 @@ void AddUpOption(const OptionGroup& group, const std::string& name,
 }
 
 void AddCrsOption(const OptionGroup& group, std::optional<WorldFrame>& world) {
-  const auto parse = [](std::string_view name, const std::string& text) {
-    try {
-      return WorldFrame::Parse(text);
-    } catch (const InputError& error) {
-      throw OptionError(name, text, error.what());
-    }
-  };
-  group.AddParsed("--crs", world, parse,
+  group.AddParsed("--crs", world, AsOption(&WorldFrame::Parse),
                   "What the world's coordinates are: EPSG:25832, with heights EPSG:25832+7837;\n"
                   "EPSG:25832@X,Y,Z where X,Y,Z were taken off all of them");
 }

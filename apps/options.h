@@ -12,6 +12,7 @@
 #include "base/progress.h"
 #include <Eigen/Core>
 
+#include "raylift/base/error.h"
 #include "raylift/estimation/options.h"
 #include "raylift/geometry/geodesy.h"
 #include "raylift/geometry/rigid3.h"
@@ -69,6 +70,18 @@ void AddReferenceOptions(CLI::App& command, ReferenceFlags& flags, bool model_is
 // "x", "-y", ... or "X,Y,Z"; none, "auto", unless given: what the mesh tells (EstimateUp).
 void AddUpOption(const OptionGroup& group, const std::string& name,
                  std::optional<Eigen::Vector3d>& up_in_world);
+
+// Returns a parser of an option's text by `read`, whose InputErrors become OptionErrors.
+template <typename Read>
+auto AsOption(Read read) {
+  return [read](std::string_view name, const std::string& text) {
+    try {
+      return read(text);
+    } catch (const InputError& error) {
+      throw OptionError(name, text, error.what());
+    }
+  };
+}
 
 // `--crs`: the system that the world's coordinates are of.
 void AddCrsOption(const OptionGroup& group, std::optional<WorldFrame>& world);

@@ -5,7 +5,6 @@
 #include <filesystem>
 #include <memory>
 #include <optional>
-#include <set>
 #include <string>
 #include <vector>
 
@@ -94,7 +93,7 @@ void Run(const QueriesFlags& flags) {
   const path root = RootOf(flags);
   const std::vector<Query> queries = QueriesOf(flags, root);
   std::string priors = flags.world ? fmt::format("* world_crs {}\n", flags.world->text) : "";
-  std::set<std::string> warnings;
+  std::vector<PriorText> texts;
   std::optional<PhotographTags::Position> first;
   size_t num_positions = 0, num_headings = 0;
   for (const Query& query : queries) {
@@ -103,18 +102,16 @@ void Run(const QueriesFlags& flags) {
     num_positions += tags.position ? 1 : 0;
     num_headings += tags.heading_deg ? 1 : 0;
     const std::string known = FormatPhotographPriors(query.name, tags);
-    // Places where the system is not meant for are errors before anything is written.
-    if (flags.world) {
-      std::vector<std::string> rough;
-      ParsePosePriors(root / query.name, known, flags.world, &rough);
-      warnings.insert(rough.begin(), rough.end());
-    }
     priors += known;
+    texts.push_back({root / query.name, known});
     if (query.priors.focal_range != 1) {
       priors += FormatFocalRange(query.name, query.priors.focal_range);
     }
     if (!flags.quiet) fmt::print("{}: {}\n", query.name, tags.summary);
   }
+  // Places where the system is not meant for are errors before anything is written.
+  std::vector<std::string> warnings;
+  if (flags.world) ParsePosePriors(texts, flags.world, &warnings);
   WriteQueryList(flags.out, queries);
   WriteFile(flags.priors, priors);
   for (const std::string& warning : warnings) PrintWarning(warning);

@@ -54,7 +54,15 @@ std::map<std::string, PosePriors> ReadPosePriors(const std::filesystem::path& fi
                                                  const std::optional<WorldFrame>& world = {},
                                                  std::vector<std::string>* warnings = nullptr);
 
-// The same of a file's text.
+// The same of texts, each by itself, as of photographs; of one name, the first.
+struct PriorText {
+  std::filesystem::path path_for_messages;
+  std::string lines;
+};
+std::map<std::string, PosePriors> ParsePosePriors(std::span<const PriorText> texts,
+                                                  const std::optional<WorldFrame>& world = {},
+                                                  std::vector<std::string>* warnings = nullptr);
+// Of a file's text.
 std::map<std::string, PosePriors> ParsePosePriors(const std::filesystem::path& path_for_messages,
                                                   std::string text,
                                                   const std::optional<WorldFrame>& world = {},

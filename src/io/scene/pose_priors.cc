@@ -45,7 +45,7 @@ class PriorReader {
   // Returns what the lines said, directions of the world filled in.
   std::map<std::string, PosePriors> Finish();
   // Says which transformations are rough.
-  std::vector<std::string> Warnings() const;
+  std::set<std::string> Warnings() const;
 
  private:
   // Down and north in the world where a query is.
@@ -65,9 +65,11 @@ class PriorReader {
   std::optional<Eigen::Vector3d> down_, north_;
 };
 
-WorldFrame FrameOf(const LineTokens& tokens, const std::string& text) {
+// Returns what `work` does; the messages of its InputErrors get the line.
+template <typename Work>
+auto AtLine(const LineTokens& tokens, const Work& work) {
   try {
-    return WorldFrame::Parse(text);
+    return work();
   } catch (const InputError& error) {
     tokens.Fail(error.what());
   }
@@ -100,12 +102,17 @@ PositionPrior PriorReader::InWorld(const Vector3d& point, const Vector3d& sigma_
       return false;
     }
   };
-  if (from.kind() == CrsKind::kGeographic && !is_place(point) &&
-      is_place({point.y(), point.x(), point.z()})) {
-    throw InputError(
-        "position: its first two numbers seem to be swapped, expected longitude, latitude");
-  }
-  const Vector3d in_crs = led(point);
+  const Vector3d in_crs = [&] {
+    try {
+      return led(point);
+    } catch (const InputError&) {
+      const bool is_swapped =
+          from.kind() == CrsKind::kGeographic && is_place({point.y(), point.x(), point.z()});
+      if (!is_swapped) throw;
+      throw InputError(
+          "position: its first two numbers seem to be swapped, expected longitude, latitude");
+    }
+  }();
   const LocalFrame frame = LocalFrameAt(world_->crs, in_crs);
   return {.position = in_crs - world_->origin,
           .sigma = (frame.crs_from_enu * sigma_m.asDiagonal()).rowwise().norm()};
@@ -125,11 +132,8 @@ void PriorReader::ReadPosition(LineTokens& tokens, PosePriors& priors) {
   if (!crs.starts_with(kCrs)) {
     tokens.Fail(fmt::format("expected crs=NAME or the end of the line, found \"{}\"", crs));
   }
-  try {
-    priors.position = InWorld(point, sigma, std::string(crs.substr(kCrs.size())));
-  } catch (const InputError& error) {
-    tokens.Fail(error.what());
-  }
+  priors.position =
+      AtLine(tokens, [&] { return InWorld(point, sigma, std::string(crs.substr(kCrs.size()))); });
 }
 
 void PriorReader::ReadHeading(LineTokens& tokens, const std::string& name, PosePriors& priors) {
@@ -146,7 +150,7 @@ void PriorReader::ReadWorld(LineTokens& tokens, std::string_view kind) {
     const std::string text(tokens.Rest());  // WKT has blanks
     if (says_world_) tokens.Fail("world_crs of \"*\" stands twice");
     says_world_ = true;
-    const WorldFrame frame = FrameOf(tokens, text);
+    const WorldFrame frame = AtLine(tokens, [&] { return WorldFrame::Parse(text); });
     if (world_ && world_->text != frame.text) {
       tokens.Fail(
           fmt::format("world_crs: expected {}, as elsewhere, found {}", world_->text, frame.text));
@@ -217,10 +221,10 @@ void PriorReader::ReadLine(LineTokens& tokens) {
   tokens.ExpectEnd();
 }
 
-std::vector<std::string> PriorReader::Warnings() const {
-  std::vector<std::string> warnings;
+std::set<std::string> PriorReader::Warnings() const {
+  std::set<std::string> warnings;
   for (const auto& [name, way] : transforms_) {
-    if (auto warning = way.second.Warning()) warnings.push_back(std::move(*warning));
+    if (auto warning = way.second.Warning()) warnings.insert(std::move(*warning));
   }
   return warnings;
 }
@@ -258,7 +262,7 @@ std::map<std::string, PosePriors> PriorReader::Finish() {
     priors.heading->right_in_world =
         std::cos(angle) * east.normalized() - std::sin(angle) * ahead.normalized();
   }
-  return std::move(priors_);
+  return std::exchange(priors_, {});
 }
 
 // Gives a query what is known of it; what the list says of the focal length stays where that is
@@ -272,22 +276,35 @@ void Take(const PosePriors& known, Query& query) {
 
 }  // namespace
 
+std::map<std::string, PosePriors> ParsePosePriors(std::span<const PriorText> texts,
+                                                  const std::optional<WorldFrame>& world,
+                                                  std::vector<std::string>* warnings) {
+  PriorReader reader(world);
+  std::map<std::string, PosePriors> priors;
+  std::set<std::string> rough;  // a transform's is that of its last point
+  for (const PriorText& text : texts) {
+    LineReader lines(text.path_for_messages, text.lines);
+    while (const auto line = lines.NextContent()) {
+      LineTokens tokens(lines, *line);
+      reader.ReadLine(tokens);
+    }
+    try {
+      priors.merge(reader.Finish());
+    } catch (const InputError& error) {
+      throw InputError(text.path_for_messages, error.what());
+    }
+    rough.merge(reader.Warnings());
+  }
+  if (warnings != nullptr) warnings->assign(rough.begin(), rough.end());
+  return priors;
+}
+
 std::map<std::string, PosePriors> ParsePosePriors(const std::filesystem::path& path_for_messages,
                                                   std::string text,
                                                   const std::optional<WorldFrame>& world,
                                                   std::vector<std::string>* warnings) {
-  PriorReader reader(world);
-  LineReader lines(path_for_messages, std::move(text));
-  while (const auto line = lines.NextContent()) {
-    LineTokens tokens(lines, *line);
-    reader.ReadLine(tokens);
-  }
-  if (warnings != nullptr) *warnings = reader.Warnings();
-  try {
-    return reader.Finish();
-  } catch (const InputError& error) {
-    throw InputError(path_for_messages, error.what());
-  }
+  const PriorText alone{path_for_messages, std::move(text)};
+  return ParsePosePriors({&alone, 1}, world, warnings);
 }
 
 std::map<std::string, PosePriors> ReadPosePriors(const std::filesystem::path& file,
@@ -324,22 +341,19 @@ std::string FormatFocalRange(const std::string& name, double factor) {
 
 std::vector<std::string> TakePhotographPriors(const std::filesystem::path& images,
                                               const WorldFrame& world, std::span<Query> queries) {
-  std::set<std::string> warnings;
-  bool any = false;
-  for (Query& query : queries) {
+  std::vector<PriorText> texts;
+  for (const Query& query : queries) {
     const std::filesystem::path file = PathBelow(images, query.name);
-    const std::string text = FormatPhotographPriors("photograph", ReadPhotographTags(file));
-    if (text.empty()) continue;
-    std::vector<std::string> of_photograph;
-    Take(ParsePosePriors(file, text, world, &of_photograph).at("photograph"), query);
-    warnings.insert(of_photograph.begin(), of_photograph.end());
-    any = true;
+    texts.push_back({file, FormatPhotographPriors(query.name, ReadPhotographTags(file))});
   }
-  if (!any) {
+  std::vector<std::string> warnings;
+  const auto priors = ParsePosePriors(texts, world, &warnings);
+  if (priors.empty()) {
     throw InputError(images, fmt::format("none of {} photographs says where it was taken (EXIF)",
                                          queries.size()));
   }
-  return {warnings.begin(), warnings.end()};
+  TakePosePriors(priors, images, queries);
+  return warnings;
 }
 
 }  // namespace raylift
