@@ -275,6 +275,7 @@ std::string GeometrySpecOf(const std::string& text) {
   // Of a PLY, which may hold anything, a mesh is the most usual.
   if (IsMeshFileName(path)) return "mesh:" + text;
   const std::string extension = LowerExtension(path);
+  if (extension == ".json") return "mesh:" + text;
   if (extension == ".tif" || extension == ".tiff") return "dsm:" + text;
   return IsCloudFileName(path) ? "cloud:" + text : text;
 }
@@ -304,11 +305,13 @@ std::string GeometryHelp() {
       "Where 3D points come from; several sources are asked in order (scene.obj alone is\n"
       "mesh:scene.obj):\n"
       "mesh:PATH[,key=value...]: a mesh; a.ply+b.ply, tiles/*.ply or a folder\n"
-      "  are one scene. Keys: near, far (depths), max_incidence_deg,\n"
+      "  are one scene; DIR/tileset.json: 3D Tiles. Keys: near, far (depths), max_incidence_deg,\n"
       "  max_depth_jump (relative, near silhouettes), jump_radius_px,\n"
       "  scale, axes (what the world's x/y/z are in the mesh: x/-z/y), shift=X/Y/Z,\n"
       "  matrix (in their place: 3 x 4 or 4 x 4 numbers, separated by /),\n"
-      "  back_faces={}, build={} (low: few rays are cast)\n"
+      "  back_faces={}, build={} (low: few rays are cast); of 3D Tiles:\n"
+      "  error=METERS (geometric; default: the finest), crs=EPSG:N[@X/Y/Z] (default:\n"
+      "  meters east, north and up of the root's center)\n"
       "dsm:FILE[,key=value...]: a surface model, a GeoTIFF of heights in a projected system\n"
       "  (meters). Keys: ortho=FILE (an orthophoto, as its color), and those of a mesh\n"
       "cloud:PATH[,key=value...]: a point cloud, as discs: PLY, LAS (not LAZ), PCD\n"

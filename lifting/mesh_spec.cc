@@ -5,6 +5,7 @@
 #include <system_error>
 #include <utility>
 
+#include "base/input_paths.h"
 #include "io/text/json_document.h"
 #include <fmt/format.h>
 
@@ -214,6 +215,28 @@ SurfelOptions TakeSurfelOptions(SpecKeys& keys) {
   return options;
 }
 
+bool NamesTileset(std::string_view spec) {
+  return LowerExtension(spec.substr(0, spec.find(','))) == ".json";
+}
+
+// Commas separate keys, so that slashes are those of the origin here.
+TileOptions TakeTileOptions(SpecKeys& keys) {
+  TileOptions options;
+  options.max_error = keys.TakeNumber("error", 0).value_or(options.max_error);
+  auto crs = keys.Take("crs");
+  if (!crs) return options;
+  const size_t origin = crs->find('@');
+  if (origin != std::string::npos) {
+    std::replace(crs->begin() + static_cast<std::ptrdiff_t>(origin), crs->end(), '/', ',');
+  }
+  try {
+    options.world = WorldFrame::Parse(*crs);
+  } catch (const InputError& error) {
+    keys.Fail(error.what());
+  }
+  return options;
+}
+
 // Nerfstudio exports in a frame of its own; the way from the data set's is in this file:
 // point_in_model = scale * (transform * point_in_world). Returns its inverse. Throws InputError
 // naming the file and field.
@@ -246,11 +269,16 @@ bool IsMeshSpec(std::string_view spec) {
 MeshSpec ParseMeshSpec(const std::string& spec, MeshUse use) {
   MeshSpec mesh;
   mesh.is_height_field = spec.starts_with(kHeightFieldPrefix);
-  const std::string known = (mesh.is_height_field ? "ortho=FILE, " : "") + KeysOf(use);
+  const bool is_tileset = !mesh.is_height_field && NamesTileset(spec);
+  const std::string known = (mesh.is_height_field ? "ortho=FILE, "
+                             : is_tileset         ? "error=METERS, crs=EPSG:N[@X/Y/Z], "
+                                                  : "") +
+                            KeysOf(use);
   SpecKeys keys =
       OpenKeys(spec, mesh.is_height_field ? kHeightFieldPrefix : kPrefix, FormOf(use), use, known);
   TakeSurfaceKeys(keys, mesh);
   if (mesh.is_height_field) mesh.orthophoto = keys.Take("ortho");
+  if (is_tileset) mesh.tiles = TakeTileOptions(keys);
   const auto back_faces = keys.TakeNamed<BackFaces>("back_faces");
   mesh.options.limits.back_faces = back_faces.value_or(mesh.options.limits.back_faces);
   keys.ExpectAllTaken(known);
@@ -264,14 +292,14 @@ std::vector<std::filesystem::path> FilesOf(const MeshSpec& spec) {
 
 TriangleMesh OpenMesh(const MeshSpec& spec, const std::filesystem::path& file, int threads) {
   return Placed(spec.is_height_field ? ReadHeightField(file, spec.orthophoto)
-                                     : ReadMesh(file, {.threads = threads}),
+                                     : ReadMesh(file, {.threads = threads, .tiles = spec.tiles}),
                 spec.placement);
 }
 
 TriangleMesh OpenMesh(const MeshSpec& spec, int threads) {
   const std::vector<std::filesystem::path> files = FilesOf(spec);
   if (files.size() == 1) return OpenMesh(spec, files.front(), threads);
-  return Placed(ReadMeshes(files, {.threads = threads}), spec.placement);
+  return Placed(ReadMeshes(files, {.threads = threads, .tiles = spec.tiles}), spec.placement);
 }
 
 CloudSpec ParseCloudSpec(const std::string& spec, MeshUse use) {

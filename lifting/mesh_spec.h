@@ -16,6 +16,7 @@
 #include "raylift/lifting/geometry_source.h"
 #include "raylift/lifting/mesh_source.h"
 #include "raylift/renderers/ray_caster.h"
+#include "raylift/surfaces/mesh_files.h"
 #include "raylift/surfaces/point_cloud.h"
 #include "raylift/surfaces/splats.h"
 
@@ -75,6 +76,7 @@ struct MeshSpec {
   std::optional<RayCasterOptions::BuildQuality> build = std::nullopt;
   MeshPlacement placement = {};
   MeshOptions options = {};  // which points are lifted
+  TileOptions tiles = {};    // of 3D Tiles
 };
 
 enum class MeshUse {

@@ -40,6 +40,13 @@ inline constexpr int kMaxJsonNesting = 100;
 inline constexpr size_t kMaxGltfNodeNesting = 500;
 inline constexpr int kMaxNodeNesting = 1000;
 
+/// Tiles of a tileset, in each other, and those that name one file; levels of implicit trees.
+inline constexpr int kMaxTiles = 1 << 20;
+inline constexpr int kMaxTileNesting = 400;
+inline constexpr int kMaxTileUses = 1000;
+inline constexpr int kMaxImplicitLevels = 31;
+inline constexpr int kMaxSubtreeLevels = 15;
+
 /// Groups in each other in an HDF5 file: deeper is a cycle, not folders of images.
 inline constexpr int kMaxGroupNesting = 64;
 

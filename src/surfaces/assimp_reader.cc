@@ -42,8 +42,8 @@ class SceneConverter {
  public:
   // glTF states colors in linear light, the other formats as they are shown.
   SceneConverter(const std::filesystem::path& path, const aiScene& scene,
-                 const std::optional<GltfScene>& gltf)
-      : path_(path), scene_(scene), gltf_(gltf) {}
+                 const std::optional<GltfScene>& gltf, const Eigen::Vector3d& center)
+      : path_(path), scene_(scene), gltf_(gltf), root_from_scene_(Eigen::Translation3d(center)) {}
 
   RawMesh Convert() {
     for (unsigned int i = 0; i < scene_.mNumMaterials; ++i) AddMaterial(*scene_.mMaterials[i]);
@@ -111,12 +111,11 @@ class SceneConverter {
 
   // Assimp makes a node above those of a glTF scene, unless there is one.
   void AddRoot(const aiNode& root) {
-    const auto identity = Eigen::Affine3d::Identity();
-    if (!gltf_ || gltf_->roots.empty()) return AddNode(root, identity, 0, std::nullopt);
-    if (gltf_->roots.size() == 1) return AddNode(root, identity, 0, gltf_->roots[0]);
+    if (!gltf_ || gltf_->roots.empty()) return AddNode(root, root_from_scene_, 0, std::nullopt);
+    if (gltf_->roots.size() == 1) return AddNode(root, root_from_scene_, 0, gltf_->roots[0]);
     RequireChildren(root, gltf_->roots);
     for (unsigned int i = 0; i < root.mNumChildren; ++i) {
-      AddNode(*root.mChildren[i], identity, 1, gltf_->roots[i]);
+      AddNode(*root.mChildren[i], root_from_scene_, 1, gltf_->roots[i]);
     }
   }
 
@@ -196,6 +195,7 @@ class SceneConverter {
   const std::filesystem::path& path_;
   const aiScene& scene_;
   const std::optional<GltfScene>& gltf_;
+  const Eigen::Affine3d root_from_scene_;
   bool any_colors_ = false;
   bool any_uvs_ = false;
   RawMesh mesh_;
@@ -204,25 +204,14 @@ class SceneConverter {
 
 std::function<bool(const std::filesystem::path&)> survives;
 
-}  // namespace
-
-void SetMeshTrial(std::function<bool(const std::filesystem::path&)> trial) {
-  survives = std::move(trial);
-}
-
-RawMesh ReadWithAssimp(const std::filesystem::path& path) {
-  RequireRegularFile(path);
-  const std::string extension = LowerExtension(path);
-  std::optional<GltfScene> gltf;
-  if (extension == ".glb" || extension == ".gltf") {
-    gltf = ReadGltfScene(path, MappedFile(path).contents());
-  } else if (extension != ".stl" && survives && !survives(path)) {
-    throw InputError(path, "cannot be read as a mesh: the file is damaged");
-  }
+// `read` lets an importer read the scene. `center` is added to all points.
+template <typename Read>
+RawMesh Converted(const std::filesystem::path& path, const std::optional<GltfScene>& gltf,
+                  const Eigen::Vector3d& center, const Read& read) {
   Assimp::Importer importer;
   const aiScene* scene = nullptr;
   try {
-    scene = importer.ReadFile(path.string(), kSteps);
+    scene = read(importer);
   } catch (const std::bad_alloc&) {
     throw;
   } catch (const std::exception& error) {
@@ -232,13 +221,46 @@ RawMesh ReadWithAssimp(const std::filesystem::path& path) {
     throw InputError(
         path, fmt::format("cannot be read as a mesh: {}", Printable(importer.GetErrorString())));
   }
-  RawMesh mesh = SceneConverter(path, *scene, gltf).Convert();
-  if (gltf) {
-    for (const std::string& warning : gltf->warnings) {
-      mesh.warnings.push_back(fmt::format("{}: {}", path.string(), warning));
-    }
+  return SceneConverter(path, *scene, gltf, center).Convert();
+}
+
+}  // namespace
+
+void SetMeshTrial(std::function<bool(const std::filesystem::path&)> trial) {
+  survives = std::move(trial);
+}
+
+Eigen::Matrix3d ZUpFromYUp() {
+  return (Eigen::Matrix3d() << 1, 0, 0, 0, 0, -1, 0, 1, 0).finished();
+}
+
+RawMesh ReadGltf(const std::filesystem::path& path, std::string_view contents, GltfPlace place,
+                 const Eigen::Matrix3d& z_up_from_gltf) {
+  const std::optional<GltfScene> gltf = ReadGltfScene(path, contents, place);
+  const Eigen::Vector3d center = z_up_from_gltf.transpose() * gltf->center;
+  RawMesh mesh = Converted(path, gltf, center, [&](Assimp::Importer& importer) {
+    return place == GltfPlace::kFile
+               ? importer.ReadFile(path.string(), kSteps)
+               : importer.ReadFileFromMemory(contents.data(), contents.size(), kSteps, "glb");
+  });
+  for (const std::string& warning : gltf->warnings) {
+    mesh.warnings.push_back(fmt::format("{}: {}", path.string(), warning));
   }
   return mesh;
+}
+
+RawMesh ReadWithAssimp(const std::filesystem::path& path) {
+  RequireRegularFile(path);
+  const std::string extension = LowerExtension(path);
+  if (extension == ".glb" || extension == ".gltf") {
+    return ReadGltf(path, MappedFile(path).contents(), GltfPlace::kFile, ZUpFromYUp());
+  }
+  if (extension != ".stl" && survives && !survives(path)) {
+    throw InputError(path, "cannot be read as a mesh: the file is damaged");
+  }
+  return Converted(path, std::nullopt, Eigen::Vector3d::Zero(), [&](Assimp::Importer& importer) {
+    return importer.ReadFile(path.string(), kSteps);
+  });
 }
 
 }  // namespace raylift

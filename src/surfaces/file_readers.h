@@ -13,6 +13,7 @@
 #include "surfaces/raw_mesh.h"
 #include <Eigen/Geometry>
 
+#include "raylift/surfaces/mesh_files.h"
 #include "raylift/surfaces/point_cloud.h"
 #include "raylift/surfaces/triangle_mesh.h"
 
@@ -53,13 +54,31 @@ struct GltfScene {
   std::vector<size_t> roots;  // of the scene that is shown
   // Of each material's base color (KHR_texture_transform); u to the right, v down.
   std::vector<Eigen::Affine2d> uv_transforms;
+  // Added to all points, in axes of which z is up (CESIUM_RTC).
+  Eigen::Vector3d center = Eigen::Vector3d::Zero();
   std::vector<std::string> warnings;
 };
+
+// glTF is a file, which may name others, or binary in one.
+enum class GltfPlace { kFile, kPartOfFile };
 
 // Reads that, and checks what assimp would end the process for. Throws InputError naming the file
 // and the JSON path where the file is no glTF 2 (text or binary), it requires an extension that is
 // not read, its sizes are beyond what is there, an index is beyond its list, or nodes are no tree.
-GltfScene ReadGltfScene(const std::filesystem::path& path, std::string_view contents);
+GltfScene ReadGltfScene(const std::filesystem::path& path, std::string_view contents,
+                        GltfPlace place);
+
+// Reads glTF in the frame that it states. `z_up_from_gltf` is how its axes are turned later, as
+// CESIUM_RTC's center is in those.
+RawMesh ReadGltf(const std::filesystem::path& path, std::string_view contents, GltfPlace place,
+                 const Eigen::Matrix3d& z_up_from_gltf);
+
+// glTF's y is up, z towards the viewer.
+Eigen::Matrix3d ZUpFromYUp();
+
+// Reads 3D Tiles, the root's JSON: all tiles that show it as one mesh. Throws InputError naming the
+// tileset's or the tile's file where one is missing, damaged, or not below the root's folder.
+TriangleMesh ReadTileset(const std::filesystem::path& path, const MeshReadOptions& options);
 
 // Read point clouds, which may hold points that are not finite, and no point at all.
 PointCloud ReadPlyCloud(const std::filesystem::path& path, std::string_view contents);

@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cstdint>
 #include <cstring>
 #include <set>
@@ -21,20 +20,6 @@ namespace raylift {
 namespace {
 
 using nlohmann::json;
-
-// "%2e" is a dot, and a backslash is taken for a slash.
-std::string DecodedUri(std::string_view uri) {
-  std::string text;
-  for (size_t i = 0; i < uri.size(); ++i) {
-    unsigned code = 0;
-    const char* const digits = uri.data() + i + 1;
-    const bool is_code = uri[i] == '%' && i + 2 < uri.size() &&
-                         std::from_chars(digits, digits + 2, code, 16).ptr == digits + 2;
-    text += is_code ? static_cast<char>(code) : uri[i] == '\\' ? '/' : uri[i];
-    if (is_code) i += 2;
-  }
-  return text;
-}
 
 // The list that the numbers of a member are indices into, wherever the member stands.
 constexpr auto kListOfMember = std::to_array<std::pair<std::string_view, std::string_view>>(
@@ -173,7 +158,7 @@ class GltfDocument {
 
 class GltfCheck {
  public:
-  explicit GltfCheck(const GltfDocument& document) : document_(document) {}
+  GltfCheck(const GltfDocument& document, GltfPlace place) : document_(document), place_(place) {}
 
   void Run() {
     CheckExtensions();
@@ -195,8 +180,8 @@ class GltfCheck {
     if (!required->is_array()) document_.Fail("extensionsRequired", "expected a list of names");
     for (const json& extension : *required) {
       const std::string name = extension.is_string() ? extension.get<std::string>() : "";
-      const bool known = name == "KHR_texture_transform" || name == "KHR_lights_punctual" ||
-                         name.starts_with("KHR_materials_");
+      const bool known = name == "CESIUM_RTC" || name == "KHR_texture_transform" ||
+                         name == "KHR_lights_punctual" || name.starts_with("KHR_materials_");
       if (!known) {
         document_.Fail("extensionsRequired",
                        fmt::format("the file requires {}, which is not read; write it without",
@@ -234,6 +219,9 @@ class GltfCheck {
       if (uri == objects[i].end() || !uri->is_string()) continue;
       const auto& stated = uri->get_ref<const std::string&>();
       if (stated.empty() || stated.starts_with("data:")) continue;
+      if (list == "buffers" && place_ == GltfPlace::kPartOfFile) {
+        document_.Fail(fmt::format("{}.{}.uri", list, i), "expected the bytes in the file itself");
+      }
       const std::string text = DecodedUri(stated);
       if (MayBeRead(text)) continue;
       document_.Fail(fmt::format("{}.{}.uri", list, i),
@@ -363,6 +351,7 @@ class GltfCheck {
   }
 
   const GltfDocument& document_;
+  GltfPlace place_;
 };
 
 // Returns the numbers of a member, as many as `missing` has, which it returns where there is none.
@@ -443,6 +432,10 @@ GltfScene SceneOf(const GltfDocument& document) {
     const json shown = document.root().value("scene", json(0u));
     scene.roots = Indices(scenes[shown.is_number_unsigned() ? shown.get<size_t>() : 0], "nodes");
   }
+  const json extensions = document.root().value("extensions", json());
+  const json center = extensions.is_object() ? extensions.value("CESIUM_RTC", json()) : json();
+  const auto numbers = Numbers(document, "extensions.CESIUM_RTC", center, "center", {0, 0, 0});
+  scene.center = {numbers[0], numbers[1], numbers[2]};
   const json& materials = document.List("materials");
   for (size_t i = 0; i < materials.size(); ++i) {
     scene.uv_transforms.push_back(
@@ -453,9 +446,10 @@ GltfScene SceneOf(const GltfDocument& document) {
 
 }  // namespace
 
-GltfScene ReadGltfScene(const std::filesystem::path& path, std::string_view contents) {
+GltfScene ReadGltfScene(const std::filesystem::path& path, std::string_view contents,
+                        GltfPlace place) {
   const GltfDocument document(path, contents);
-  GltfCheck(document).Run();
+  GltfCheck(document, place).Run();
   return SceneOf(document);
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cctype>
 #include <cerrno>
+#include <charconv>
 #include <cstring>
 
 #include "base/input_paths.h"
@@ -65,6 +66,20 @@ std::vector<path> ListFiles(const std::string& files, std::span<const std::strin
     listed.insert(listed.end(), of_part.begin(), of_part.end());
   }
   return listed;
+}
+
+// "%2e" is a dot, and a backslash is taken for a slash.
+std::string DecodedUri(std::string_view uri) {
+  std::string text;
+  for (size_t i = 0; i < uri.size(); ++i) {
+    unsigned code = 0;
+    const char* const digits = uri.data() + i + 1;
+    const bool is_code = uri[i] == '%' && i + 2 < uri.size() &&
+                         std::from_chars(digits, digits + 2, code, 16).ptr == digits + 2;
+    text += is_code ? static_cast<char>(code) : uri[i] == '\\' ? '/' : uri[i];
+    if (is_code) i += 2;
+  }
+  return text;
 }
 
 std::string Shown(std::string_view token) {

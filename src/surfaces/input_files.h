@@ -21,6 +21,9 @@ std::vector<std::filesystem::path> ListFiles(const std::string& files,
 // A word for a message: its beginning, in printable ASCII.
 std::string Shown(std::string_view token);
 
+// The path that a URI without a scheme says: "%2e" is a dot, and a backslash is taken for a slash.
+std::string DecodedUri(std::string_view uri);
+
 // A file in memory, read page by page as it is looked at.
 class MappedFile {
  public:

@@ -26,9 +26,10 @@ TriangleMesh ReadPlyMesh(const std::filesystem::path& path, int threads) {
   return FinishMesh(path, ReadPly(path, header, file.contents()));
 }
 
-TriangleMesh ReadByExtension(const std::filesystem::path& path, int threads) {
+TriangleMesh ReadByExtension(const std::filesystem::path& path, const MeshReadOptions& options) {
   const std::string extension = LowerExtension(path);
-  if (extension == ".ply") return ReadPlyMesh(path, threads);
+  if (extension == ".json") return ReadTileset(path, options);
+  if (extension == ".ply") return ReadPlyMesh(path, options.threads);
   if (extension == ".obj") return FinishMesh(path, ReadObj(path));
   return FinishMesh(path, ReadWithAssimp(path));
 }
@@ -105,7 +106,7 @@ TriangleMesh ReadMesh(const std::filesystem::path& path, const MeshReadOptions& 
   if (std::filesystem::is_directory(path, ignored)) {
     throw InputError(path, "expected a mesh file, found a folder");
   }
-  return ReadByExtension(path, options.threads);
+  return ReadByExtension(path, options);
 }
 
 TriangleMesh MakeMesh(std::vector<Eigen::Vector3d> vertices,

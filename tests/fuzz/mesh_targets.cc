@@ -148,6 +148,47 @@ std::vector<std::string> HeightFieldSeeds() {
   return {JoinFiles(ScratchFolder() / "dsm_seed", kHeightFieldFiles)};
 }
 
+constexpr auto kTilesetFiles =
+    std::to_array<std::string_view>({"tileset.json", "tile.b3dm", "inner.json", "tree.subtree"});
+
+void ReadTilesetFolder(std::string_view bytes) {
+  MeshReadOptions options;
+  options.threads = 1;
+  CheckMesh(ReadMesh(SplitFiles(bytes, "tiles", kTilesetFiles) / "tileset.json", options));
+}
+
+// An explicit tile, and implicit ones of all three kinds of content.
+std::vector<std::string> TilesetSeeds() {
+  const std::string glb = GlbSeeds()[0];
+  const std::string features = R"({"BATCH_LENGTH":0,"RTC_CENTER":[1,2,3]} )";
+  const auto size = [](size_t bytes) { return static_cast<uint32_t>(bytes); };
+  const std::string b3dm = "b3dm" +
+                           Bytes(uint32_t{1}, size(28 + features.size() + glb.size()),
+                                 size(features.size()), uint32_t{0}, uint32_t{0}, uint32_t{0}) +
+                           features + glb;
+  const std::string rest = Bytes(uint32_t{2}) + b3dm + glb;
+  const std::string tiles = "cmpt" + Bytes(uint32_t{1}, size(12 + rest.size())) + rest;
+  const std::string begin =
+      R"({"asset":{"version":"1.1"},"root":{"boundingVolume":{"sphere":[0,0,0,9]},)"
+      R"("geometricError":8,"refine":"ADD",)";
+  PutFile("tiles_seed/tileset.json",
+          begin + R"("transform":[1,0,0,0,0,1,0,0,0,0,1,0,9,9,9,1],"content":{"uri":"tile.b3dm"},)"
+                  R"("children":[{"boundingVolume":{"box":[0,0,0,1,0,0,0,1,0,0,0,1]},)"
+                  R"("geometricError":0,"content":{"uri":"inner.json"}}]}})");
+  PutFile("tiles_seed/tile.b3dm", tiles);
+  PutFile("tiles_seed/inner.json",
+          begin + R"("content":{"uri":"tile.b3dm"},"implicitTiling":{"subdivisionScheme":)"
+                  R"("QUADTREE","subtreeLevels":2,"availableLevels":2,)"
+                  R"("subtrees":{"uri":"tree.subtree"}}}})");
+  const std::string json =
+      R"({"buffers":[{"byteLength":1}],"bufferViews":[{"buffer":0,"byteOffset":0,"byteLength":1}],)"
+      R"("tileAvailability":{"constant":1},"contentAvailability":[{"bitstream":0}],)"
+      R"("childSubtreeAvailability":{"constant":0}})";
+  PutFile("tiles_seed/tree.subtree",
+          "subt" + Bytes(uint32_t{1}, uint64_t{json.size()}) + Bytes(uint64_t{1}) + json + '\x15');
+  return {JoinFiles(ScratchFolder() / "tiles_seed", kTilesetFiles)};
+}
+
 // As the program does it, but that the process that tries the file is a copy of this one.
 bool SurvivesInChild(const std::filesystem::path& file) {
   const pid_t child = fork();
@@ -197,6 +238,10 @@ std::vector<FuzzTarget> MeshFuzzTargets() {
       {"mesh_fbx", [](std::string_view bytes) { ReadAs("mesh.fbx", bytes); },
        [] { return AssimpSeeds("fbxa"); },
        "Vertices: PolygonVertexIndex: Connections: C: Objects: Geometry: Model: *4294967295 -1 a:"},
+      {"mesh_tiles", ReadTilesetFolder, TilesetSeeds,
+       "=FILE= b3dm cmpt i3dm subt glTF \"children\" \"contents\" \"uri\" \"transform\" \"refine\" "
+       "\"region\" \"box\" \"constant\" \"bitstream\" \"bufferView\" \"implicitTiling\" OCTREE "
+       "{level} {x} {y} inner.json ../ http:// 4294967295 -1 1e308"},
       {"mesh_dsm", ReadHeightFieldFolder, HeightFieldSeeds, "=FILE= II* MM II+ -9999 nan 1e308"},
   };
 }

@@ -1,5 +1,5 @@
-// Meshes from files: PLY, OBJ (both read in double), and whatever else assimp reads (GLB/glTF, STL,
-// DAE, FBX, ...; in float).
+// Meshes from files: PLY, OBJ, 3D Tiles (all read in double), and whatever else assimp reads
+// (GLB/glTF, STL, DAE, FBX, ...; in float).
 
 #pragma once
 
@@ -12,12 +12,23 @@
 #include <string>
 #include <vector>
 
+#include "raylift/geometry/geodesy.h"
 #include "raylift/surfaces/triangle_mesh.h"
 
 namespace raylift {
 
+// What is taken of a tileset (3D Tiles), and where it goes.
+struct TileOptions {
+  // The finest tiles where it is 0, else the coarsest whose geometric error is no more meters.
+  double max_error = 0;
+  // Where its earth-centered coordinates are led. Without one they become meters east, north and up
+  // of the root's center; others stay as they are.
+  std::optional<WorldFrame> world = std::nullopt;
+};
+
 struct MeshReadOptions {
   int threads = 0;  // <= 0: all; never changes the mesh
+  TileOptions tiles = {};
 };
 
 // Reads a mesh. Faces with more than three corners are triangulated; triangles with a non-finite

@@ -1,0 +1,41 @@
+// 3D Tiles, versions 1.0 and 1.1: which files of a tileset show it, and where their coordinates
+// are. A tileset is a tree of tiles in tileset.json, in further tilesets that its tiles name, or
+// implicit, as bits of which tiles of a quadtree or octree there are.
+
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "surfaces/raw_mesh.h"
+#include <Eigen/Geometry>
+
+namespace raylift {
+
+// A file that a tile names.
+struct TileContent {
+  std::filesystem::path file;
+  Eigen::Affine3d root_from_tile = Eigen::Affine3d::Identity();  // the root tileset's frame
+  Eigen::Matrix3d z_up_from_gltf = Eigen::Matrix3d::Identity();
+};
+
+struct Tileset {
+  std::vector<TileContent> contents;  // in the order of the tree
+  Eigen::Vector3d center;             // of the root's bounding volume, in the root's frame
+};
+
+// Returns the contents of the finest tiles, or of the coarsest whose geometric error is at most
+// `max_error` where that is positive. Throws InputError naming the file and the JSON path where a
+// tileset is none, includes itself, or names a file that is missing, below another folder than the
+// root's, or on a network.
+Tileset ListTiles(const std::filesystem::path& root_file, double max_error);
+
+// What a tile's file holds, in the frame of the root.
+struct TileMeshes {
+  std::vector<RawMesh> meshes;
+  size_t num_instanced = 0, num_clouds = 0;  // i3dm and pnts, which are not read
+};
+TileMeshes ReadTileContent(const TileContent& content);
+
+}  // namespace raylift

@@ -1,0 +1,162 @@
+// A tileset as one mesh, in the frame that was asked for.
+
+#include <cmath>
+#include <memory>
+#include <mutex>
+#include <utility>
+#include <vector>
+
+#include "surfaces/file_readers.h"
+#include "surfaces/tileset.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/parallel.h"
+#include "raylift/geometry/geodesy.h"
+#include "raylift/surfaces/mesh_files.h"
+
+namespace raylift {
+namespace {
+
+using Eigen::Vector3d;
+using std::filesystem::path;
+
+constexpr const char* kEarthCentered = "EPSG:4978";
+
+// Where a point is on the earth, if it is an earth-centered one near the ground.
+std::optional<LocalFrame> PlaceOnEarth(const Vector3d& point) {
+  constexpr double kLeast = 6.2e6, kMost = 6.5e6, kDeepest = -1e5, kHighest = 3e4;
+  if (!(point.norm() > kLeast && point.norm() < kMost)) return std::nullopt;
+  LocalFrame frame = LocalFrameAt(Crs(kEarthCentered), point);
+  const double height = frame.geographic.z();
+  return height > kDeepest && height < kHighest ? std::optional(frame) : std::nullopt;
+}
+
+// What leads the points of a tileset to the world.
+class TileFrame {
+ public:
+  TileFrame(const path& file, const Vector3d& center, const std::optional<WorldFrame>& world) {
+    const auto place = PlaceOnEarth(center);
+    if (!world) {
+      if (place) UseLocalAxes(file, center, *place);
+      return;
+    }
+    if (!place) {
+      throw InputError(file, "root.boundingVolume",
+                       fmt::format("expected earth-centered coordinates, to be led to {}, found a "
+                                   "center at {:.9g} {:.9g} {:.9g}",
+                                   world->text, center.x(), center.y(), center.z()));
+    }
+    world_from_root_ = -world->origin;
+    if (world->crs.definition() == kEarthCentered) return;
+    target_ = world->crs;
+    const auto transform = TakeTransform();
+    (*transform)(center);
+    if (auto warning = transform->Warning()) notes_.push_back(*warning);
+  }
+
+  const std::vector<std::string>& notes() const { return notes_; }
+
+  // From any thread.
+  void Lead(RawMesh& mesh) {
+    if (!target_) {
+      for (Vector3d& point : mesh.positions) point = axes_ * (point - center_) + world_from_root_;
+      return;
+    }
+    auto transform = TakeTransform();
+    for (Vector3d& point : mesh.positions) point = (*transform)(point) + world_from_root_;
+    const std::lock_guard lock(mutex_);
+    idle_.push_back(std::move(transform));
+  }
+
+ private:
+  void UseLocalAxes(const path& file, const Vector3d& center, const LocalFrame& place) {
+    axes_ = place.Axes().transpose();
+    center_ = center;
+    const Vector3d& there = place.geographic;
+    notes_.push_back(fmt::format(
+        "{}: in meters east, north and up of {:.9f} {:.9f} {:.4f} (longitude, latitude, height "
+        "above the ellipsoid), the center of its root; crs={} keeps it earth-centered, crs=EPSG:N "
+        "leads it to a map",
+        file.string(), there.x(), there.y(), there.z(), kEarthCentered));
+  }
+
+  // One for a thread at a time; to make one takes milliseconds.
+  std::unique_ptr<CrsTransform> TakeTransform() {
+    const std::lock_guard lock(mutex_);
+    if (idle_.empty()) return std::make_unique<CrsTransform>(Crs(kEarthCentered), *target_);
+    auto transform = std::move(idle_.back());
+    idle_.pop_back();
+    return transform;
+  }
+
+  Eigen::Matrix3d axes_ = Eigen::Matrix3d::Identity();
+  Vector3d center_ = Vector3d::Zero();
+  Vector3d world_from_root_ = Vector3d::Zero();
+  std::optional<Crs> target_;
+  std::mutex mutex_;
+  std::vector<std::unique_ptr<CrsTransform>> idle_;
+  std::vector<std::string> notes_;
+};
+
+// What one file of a tileset became.
+struct ReadTile {
+  std::vector<TriangleMesh> meshes;
+  size_t num_instanced = 0, num_clouds = 0;
+};
+
+ReadTile Read(const TileContent& content, TileFrame& frame) {
+  TileMeshes raw = ReadTileContent(content);
+  ReadTile tile{.meshes = {}, .num_instanced = raw.num_instanced, .num_clouds = raw.num_clouds};
+  for (RawMesh& mesh : raw.meshes) {
+    try {
+      frame.Lead(mesh);
+    } catch (const InputError& error) {
+      throw InputError(content.file, error.what());
+    }
+    tile.meshes.push_back(FinishMesh(content.file, std::move(mesh)));
+  }
+  return tile;
+}
+
+// Thousands of tiles have thousands of small faults of one kind.
+void Shorten(std::vector<std::string>& warnings) {
+  constexpr size_t kMost = 5;
+  if (warnings.size() <= kMost) return;
+  const size_t num_left_out = warnings.size() - kMost;
+  warnings.resize(kMost);
+  warnings.push_back(fmt::format("and {} more such messages about tiles", num_left_out));
+}
+
+}  // namespace
+
+TriangleMesh ReadTileset(const path& file, const MeshReadOptions& options) {
+  const Tileset tileset = ListTiles(file, options.tiles.max_error);
+  TileFrame frame(file, tileset.center, options.tiles.world);
+  std::vector<ReadTile> tiles(tileset.contents.size());
+  ParallelFor(tiles.size(), options.threads,
+              [&](size_t i) { tiles[i] = Read(tileset.contents[i], frame); });
+  std::vector<TriangleMesh> meshes;
+  size_t num_instanced = 0, num_clouds = 0;
+  for (ReadTile& tile : tiles) {
+    num_instanced += tile.num_instanced;
+    num_clouds += tile.num_clouds;
+    for (TriangleMesh& mesh : tile.meshes) meshes.push_back(std::move(mesh));
+  }
+  const std::string left_out =
+      fmt::format("{} tiles of instances (i3dm) and {} of points (pnts) are not read",
+                  num_instanced, num_clouds);
+  const bool any_left_out = num_instanced + num_clouds > 0;
+  if (meshes.empty()) {
+    throw InputError(file, "expected tiles with triangles, found none" +
+                               (any_left_out ? "; " + left_out : std::string()));
+  }
+  TriangleMesh mesh =
+      meshes.size() == 1 ? std::move(meshes.front()) : MergeMeshes(std::move(meshes));
+  Shorten(mesh.warnings);
+  if (any_left_out) mesh.warnings.push_back(fmt::format("{}: {}", file.string(), left_out));
+  mesh.warnings.insert(mesh.warnings.begin(), frame.notes().begin(), frame.notes().end());
+  return mesh;
+}
+
+}  // namespace raylift
