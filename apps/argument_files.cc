@@ -140,8 +140,11 @@ std::vector<std::string> SceneArguments(const SceneFile& scene, const CLI::App& 
       arguments.push_back(fmt::format("{}={}", known.option, value.string()));
     }
   }
-  if (!scene.thresholds.empty() && Wants(command, "--thresholds")) {
-    arguments.push_back("--thresholds=" + scene.thresholds);
+  for (const auto& [option, value] :
+       {std::pair("--thresholds", &scene.thresholds), std::pair("--crs", &scene.crs)}) {
+    if (!value->empty() && Wants(command, option)) {
+      arguments.push_back(fmt::format("{}={}", option, *value));
+    }
   }
   if (Wants(command, "--geometry")) {
     const auto geometries = GeometryArguments(scene, command);

@@ -210,12 +210,8 @@ class Export {
       note_ = fmt::format(" in {} ({})", target.definition(), target.name());
     }
     if (const auto warning = earth.Warning()) PrintWarning(*warning);
-    if (!run_.world->crs.has_heights() && flags_.format != ExportFormat::kUtm) {
-      PrintWarning(
-          fmt::format("{} says not what heights are above: they count as above the "
-                      "ellipsoid",
-                      run_.world->crs.definition()));
-    }
+    const auto of_heights = earth.HeightsWarning();
+    if (of_heights && flags_.format != ExportFormat::kUtm) PrintWarning(*of_heights);
   }
 
   // That of the world itself where it is on a map, else the zone of the first position.

@@ -3,6 +3,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -36,10 +37,12 @@ struct ServeFlags {
     localize.run.Check();
     RequireAtLeast("--max-connections", server.limits.connections, 1);
     RequireAtLeast("--max-queue", static_cast<double>(server.limits.queue), 1);
-    if (!localize.scene_calibration.empty() && scenes.size() != 1) {
-      throw OptionError("--scene-calibration", localize.scene_calibration.string(),
-                        "is of one scene, but there are several");
-    }
+    const auto refuse_several = [&](const char* option, const std::string& value) {
+      if (value.empty() || scenes.size() == 1) return;
+      throw OptionError(option, value, "is of one scene, but there are several");
+    };
+    refuse_several("--scene-calibration", localize.scene_calibration.string());
+    refuse_several("--crs", localize.world ? localize.world->text : "");
   }
 };
 
@@ -78,6 +81,16 @@ LocalizeFlags FlagsOf(const ServeFlags& serve, const std::filesystem::path& file
   return flags;
 }
 
+std::optional<WorldFrame> WorldOf(const ServeFlags& serve, const std::filesystem::path& file,
+                                  const SceneFile& scene) {
+  if (serve.localize.world || scene.crs.empty()) return serve.localize.world;
+  try {
+    return WorldFrame::Parse(scene.crs);
+  } catch (const InputError& error) {
+    throw InputError(file, fmt::format("crs: {}", error.what()));
+  }
+}
+
 ServedScene Open(const ServeFlags& serve, const std::filesystem::path& file) {
   const SceneFile described = ReadSceneFile(file);
   const LocalizeFlags flags = FlagsOf(serve, file, described);
@@ -91,7 +104,8 @@ ServedScene Open(const ServeFlags& serve, const std::filesystem::path& file) {
       {.localizer = options, .align = flags.geometry.align, .threads = flags.run.threads});
   return {.name = NameOf(described, file),
           .localizer = std::make_shared<const Localizer>(
-              std::make_shared<const Scene>(std::move(scene)), matches, options)};
+              std::make_shared<const Scene>(std::move(scene)), matches, options),
+          .world = WorldOf(serve, file, described)};
 }
 
 // As many files as the machine allows: each connection is one.
@@ -167,9 +181,9 @@ Command AddServeCommand(CLI::App& program) {
   flags->localize.run.quiet = true;
   CLI::App& command =
       AddCommand(program, "serve", "Poses of photographs over HTTP, in scenes that stay open");
-  OptionGroup(command, "Scenes")
-      .Add("SCENE", flags->scenes, "Scene files (raylift import makes them)")
-      .Required();
+  const OptionGroup scenes(command, "Scenes");
+  scenes.Add("SCENE", flags->scenes, "Scene files (raylift import makes them)").Required();
+  AddCrsOption(scenes, flags->localize.world);
   AddServerOptions(command, *flags);
   LocalizeFlags& localize = flags->localize;
   const OptionGroup geometry(command, "Geometry");

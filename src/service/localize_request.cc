@@ -21,19 +21,7 @@
 namespace raylift {
 namespace {
 
-constexpr std::string_view kUnnamed = "photograph";
-constexpr size_t kMaxNameBytes = 1000;
 constexpr std::string_view kNameIs = "expected 1 to 1000 bytes";
-
-// Says of which field an error is.
-template <typename Function>
-auto InField(const std::string& field, const Function& read) {
-  try {
-    return read();
-  } catch (const InputError& error) {
-    throw InputError(field + ": " + error.what());
-  }
-}
 
 // Priors are one text or a line each.
 std::string ReadLines(const JsonPlace& place) {
@@ -57,8 +45,6 @@ void CheckPriors(std::string_view text, const JsonPlace& place) {
   }
 }
 
-bool IsName(const std::string& name) { return !name.empty() && name.size() <= kMaxNameBytes; }
-
 QueryFacts ReadFacts(const JsonPlace& json) {
   QueryFacts facts;
   if (json.Has("name")) {
@@ -73,50 +59,6 @@ QueryFacts ReadFacts(const JsonPlace& json) {
     CheckPriors(*facts.priors, priors);
   }
   return facts;
-}
-
-// Returns the query with its camera, which is the one of `size` with an unknown focal length where
-// the request does not name it.
-Query QueryOf(const QueryFacts& facts, PlaneSize size, const Exif& exif = {}) {
-  Query query;
-  if (facts.camera) {
-    query.name = facts.name;
-    TakeCamera(*facts.camera, query);
-    const auto why = WhyOtherSize(query.camera, query.name, size, exif.SwapsSides());
-    if (why) throw InputError("camera: " + *why);
-  } else {
-    query = QueryOfUnknownCamera(facts.name, size, exif.focal_35mm);
-  }
-  if (facts.priors) {
-    TakePosePriors(ParsePosePriors("priors", *facts.priors), "priors", {&query, 1});
-  }
-  return query;
-}
-
-LocalizeRequest OfPicture(std::string file, const QueryFacts& facts, const std::string& of_facts,
-                          uint64_t max_pixels) {
-  LocalizeRequest request;
-  std::istringstream header(std::move(file));
-  const std::string_view bytes = header.view();
-  const Exif exif = InField("image", [&] {
-    if (const auto why = WhyNoPicture(bytes)) throw InputError(*why);
-    const auto size = PictureSizeFromHeader(header);
-    if (static_cast<uint64_t>(size->width_px) * static_cast<uint64_t>(size->height_px) >
-        max_pixels) {
-      throw Problem(413, "image",
-                    fmt::format("image: has {} x {} pixels, more than {}", size->width_px,
-                                size->height_px, max_pixels));
-    }
-    request.evidence = DecodePhotograph(bytes, ImageChannels::kGray);
-    header.clear();
-    header.seekg(0);
-    return ReadExif(header);
-  });
-  const Image& image = std::get<Image>(request.evidence);
-  const auto read = [&] { return QueryOf(facts, {image.width_px, image.height_px}, exif); };
-  request.query = of_facts.empty() ? read() : InField(of_facts, read);
-  request.picture_bytes = std::move(header).str();
-  return request;
 }
 
 std::vector<Eigen::Vector2d> ReadPixels(const JsonPlace& list) {
@@ -194,29 +136,6 @@ LocalizeRequest OfFeatures(const JsonPlace& json, const QueryFacts& facts) {
   return request;
 }
 
-// Throws InputError for what would take many times its bytes as a document.
-void CheckJson(std::string_view text) {
-  constexpr size_t kMaxBytes = size_t{16} << 20;
-  constexpr int kMaxNesting = 8;
-  if (text.size() > kMaxBytes) {
-    throw Problem(413, fmt::format("JSON of {} bytes, more than {}", text.size(), kMaxBytes));
-  }
-  int nesting = 0;
-  bool in_string = false;
-  for (size_t i = 0; i < text.size(); ++i) {
-    const char c = text[i];
-    if (in_string && c == '\\') {
-      ++i;
-    } else if (c == '"') {
-      in_string = !in_string;
-    } else if (!in_string && (c == '[' || c == '{')) {
-      if (++nesting > kMaxNesting) throw InputError("JSON is nested too deeply");
-    } else if (!in_string && (c == ']' || c == '}')) {
-      --nesting;
-    }
-  }
-}
-
 LocalizeRequest OfJson(std::string_view body, const ReferencesByName& references,
                        uint64_t max_pixels) {
   CheckJson(body);
@@ -231,7 +150,7 @@ LocalizeRequest OfJson(std::string_view body, const ReferencesByName& references
   if (json.Has("features")) return OfFeatures(json, facts);
   if (json.Has("matches")) return OfMatches(json, facts, references);
   const std::string text = json.Member("image").String();
-  return OfPicture(InField("image", [&] { return DecodeBase64(text); }), facts, "", max_pixels);
+  return RequestOfPicture(InField("image", [&] { return DecodeBase64(text); }), facts, max_pixels);
 }
 
 struct Form {
@@ -272,10 +191,79 @@ QueryFacts FactsOfForm(const std::string& query) {
 LocalizeRequest OfFormPicture(const BatchEntry& photograph, QueryFacts facts, uint64_t max_pixels) {
   if (facts.name.empty()) facts.name = photograph.name;
   if (!IsName(facts.name)) throw Problem(400, "image", fmt::format("file name: {}", kNameIs));
-  return OfPicture(std::string(photograph.bytes), facts, "query", max_pixels);
+  return RequestOfPicture(std::string(photograph.bytes), facts, max_pixels, {.facts = "query"});
 }
 
 }  // namespace
+
+bool IsName(const std::string& name) {
+  constexpr size_t kMaxBytes = 1000;
+  return !name.empty() && name.size() <= kMaxBytes;
+}
+
+Query QueryOf(const QueryFacts& facts, PlaneSize size, const Exif& exif) {
+  Query query;
+  if (facts.camera) {
+    query.name = facts.name;
+    TakeCamera(*facts.camera, query);
+    const auto why = WhyOtherSize(query.camera, query.name, size, exif.SwapsSides());
+    if (why) throw InputError("camera: " + *why);
+  } else {
+    query = QueryOfUnknownCamera(facts.name, size, exif.focal_35mm);
+  }
+  if (facts.priors) {
+    TakePosePriors(ParsePosePriors("priors", *facts.priors), "priors", {&query, 1});
+  }
+  return query;
+}
+
+LocalizeRequest RequestOfPicture(std::string file, const QueryFacts& facts, uint64_t max_pixels,
+                                 const PictureFields& fields) {
+  LocalizeRequest request;
+  std::istringstream header(std::move(file));
+  const std::string_view bytes = header.view();
+  const Exif exif = InField(fields.image, [&] {
+    if (const auto why = WhyNoPicture(bytes)) throw InputError(*why);
+    const auto size = PictureSizeFromHeader(header);
+    if (static_cast<uint64_t>(size->width_px) * static_cast<uint64_t>(size->height_px) >
+        max_pixels) {
+      throw Problem(413, fields.image,
+                    fmt::format("{}: has {} x {} pixels, more than {}", fields.image,
+                                size->width_px, size->height_px, max_pixels));
+    }
+    request.evidence = DecodePhotograph(bytes, ImageChannels::kGray);
+    header.clear();
+    header.seekg(0);
+    return ReadExif(header);
+  });
+  const Image& image = std::get<Image>(request.evidence);
+  const auto read = [&] { return QueryOf(facts, {image.width_px, image.height_px}, exif); };
+  request.query = fields.facts.empty() ? read() : InField(fields.facts, read);
+  request.picture_bytes = std::move(header).str();
+  return request;
+}
+
+void CheckJson(std::string_view text) {
+  constexpr size_t kMaxBytes = size_t{16} << 20;
+  constexpr int kMaxNesting = 8;
+  if (text.size() > kMaxBytes) {
+    throw Problem(413, fmt::format("JSON of {} bytes, more than {}", text.size(), kMaxBytes));
+  }
+  int nesting = 0;
+  bool in_string = false;
+  for (size_t i = 0; i < text.size(); ++i) {
+    const char c = text[i];
+    if (in_string && c == '\\') {
+      ++i;
+    } else if (c == '"') {
+      in_string = !in_string;
+    } else if (!in_string && (c == '[' || c == '{')) {
+      if (++nesting > kMaxNesting) throw InputError("JSON is nested too deeply");
+    } else if (!in_string && (c == ']' || c == '}')) {
+      --nesting;
+    }
+  }
+}
 
 LocalizeRequest ReadLocalizeRequest(std::string_view content_type, std::string_view body,
                                     const ReferencesByName& references, uint64_t max_pixels) {

@@ -11,6 +11,9 @@
 #include <variant>
 #include <vector>
 
+#include "pictures/exif.h"
+
+#include "raylift/base/error.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/scene/features.h"
 #include "raylift/scene/image.h"
@@ -59,6 +62,35 @@ struct BatchRequest {
 };
 BatchRequest ReadBatchRequest(std::string_view content_type, std::string_view body);
 LocalizeRequest ReadBatchEntry(const BatchRequest& batch, size_t index, uint64_t max_pixels);
+
+// The request of a photograph's file. Errors name the fields that the file and the facts came in;
+// the latter is empty where its readers name it themselves.
+struct PictureFields {
+  std::string image = "image", facts = {};
+};
+LocalizeRequest RequestOfPicture(std::string file, const QueryFacts& facts, uint64_t max_pixels,
+                                 const PictureFields& fields = {});
+
+// Returns the query with its camera, which is the one of `size` with an unknown focal length where
+// the facts do not name it.
+Query QueryOf(const QueryFacts& facts, PlaneSize size, const Exif& exif = {});
+
+// Throws InputError for what would take many times its bytes as a document.
+void CheckJson(std::string_view text);
+
+// Says of which field an error is.
+template <typename Function>
+auto InField(const std::string& field, const Function& read) {
+  try {
+    return read();
+  } catch (const InputError& error) {
+    throw InputError(field + ": " + error.what());
+  }
+}
+
+// What a photograph without a name is called.
+inline constexpr std::string_view kUnnamed = "photograph";
+bool IsName(const std::string& name);  // 1 to 1000 bytes
 
 // Returns the bytes that a text of base64 stands for. Throws InputError where it is none.
 std::string DecodeBase64(std::string_view text);

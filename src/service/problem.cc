@@ -60,6 +60,7 @@ const char* PhraseOf(int status) {
                                                       {405, "Method Not Allowed"},
                                                       {413, "Content Too Large"},
                                                       {415, "Unsupported Media Type"},
+                                                      {422, "Unprocessable Content"},
                                                       {429, "Too Many Requests"},
                                                       {431, "Request Header Fields Too Large"},
                                                       {500, "Internal Server Error"},

@@ -9,6 +9,8 @@
 #include "base/json_text.h"
 #include "localization/results/result_json.h"
 #include "service/documents.h"
+#include "service/geopose.h"
+#include "service/scene_place.h"
 #include <fmt/chrono.h>
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -24,12 +26,24 @@ namespace raylift {
 struct Service::Opened {
   ServedScene scene;
   ReferencesByName references;
+  std::unique_ptr<const ScenePlace> place;  // null: it is not known
+
+  // A line of queries.jsonl; and as GeoPose where the place is known.
+  std::string Line(const LocalizedQuery& localized) const {
+    std::string line = FormatQueryDiagnostics(localized);
+    if (!place || !localized.localized()) return line;
+    const auto camera = place->CameraOf(localized.estimate);
+    if (!camera) return line;
+    line.pop_back();
+    return line + ",\"geopose\":" + JsonText(camera->geopose) + '}';
+  }
 };
 
 namespace {
 
 constexpr std::string_view kLocalizePath = "/v1/localize";
 constexpr std::string_view kBatchPath = "/v1/localize/batch";
+constexpr std::string_view kGeoPosePath = "/geopose";
 constexpr std::array<std::string_view, 6> kGetPaths = {"/",       "/v1/scenes", "/healthz",
                                                        "/readyz", "/metrics",   "/openapi.json"};
 
@@ -37,7 +51,9 @@ bool IsGet(std::string_view path) {
   return std::find(kGetPaths.begin(), kGetPaths.end(), path) != kGetPaths.end();
 }
 
-bool IsPost(std::string_view path) { return path == kLocalizePath || path == kBatchPath; }
+bool IsPost(std::string_view path) {
+  return path == kLocalizePath || path == kBatchPath || path == kGeoPosePath;
+}
 
 // Undecoded: all of ours are plain.
 std::string_view PathOf(const HttpRequest& request) {
@@ -91,6 +107,25 @@ auto AsProblems(const ServerOptions& options, const Function& work) {
   }
 }
 
+// The scene that a request names.
+std::optional<std::string> SceneNameOf(const HttpRequest& request) {
+  std::optional<std::string> wanted;
+  for (const auto& [name, value] : ParseParameters(request.target)) {
+    if (name != "scene") throw Problem(400, name, name + ": is not known here; expected scene");
+    wanted = value;
+  }
+  return wanted;
+}
+
+template <typename Read>
+auto ReadTimed(Metrics& metrics, const Read& read) {
+  const auto begin = AnswerWatch::Clock::now();
+  auto request = read();
+  const std::chrono::duration<double> reading = AnswerWatch::Clock::now() - begin;
+  metrics.ObserveStage("read", reading.count());
+  return request;
+}
+
 constexpr auto kStages = std::span(kQueryStages).first<4>();  // nothing is rendered again
 
 std::string ServerTiming(const StageTimes& times) {
@@ -138,6 +173,17 @@ void Service::Take(std::vector<ServedScene> scenes) {
     for (const PosedImage& image : scene.localizer->scene().references.images) {
       entry->references.emplace(image.name, &image);
     }
+    if (scene.world) {
+      try {
+        entry->place =
+            std::make_unique<const ScenePlace>(*scene.world, scene.localizer->scene().references);
+      } catch (const InputError& error) {
+        throw InputError(
+            fmt::format("scene {}: {}: {}", scene.name, scene.world->text, error.what()));
+      }
+      const auto warning = entry->place->Warning();
+      if (warning && options_.log) options_.log(*warning);
+    }
     entry->scene = std::move(scene);
     const std::string name = entry->scene.name;
     if (!opened->emplace(name, std::move(entry)).second) {
@@ -161,11 +207,7 @@ std::shared_ptr<const Service::Opened> Service::SceneOf(const HttpRequest& reque
     for (const auto& [name, scene] : *scenes) names.push_back(name);
     return fmt::format("expected {}", fmt::join(names, "|"));
   };
-  std::optional<std::string> wanted;
-  for (const auto& [name, value] : ParseParameters(request.target)) {
-    if (name != "scene") throw Problem(400, name, name + ": is not known here; expected scene");
-    wanted = value;
-  }
+  const auto wanted = SceneNameOf(request);
   if (!wanted) {
     if (scenes->size() == 1) return scenes->begin()->second;
     throw Problem(400, "scene", "scene: is required: " + expected());
@@ -173,6 +215,20 @@ std::shared_ptr<const Service::Opened> Service::SceneOf(const HttpRequest& reque
   const auto found = scenes->find(*wanted);
   if (found != scenes->end()) return found->second;
   throw Problem(404, "scene", "scene: " + expected());
+}
+
+std::vector<std::shared_ptr<const Service::Opened>> Service::PlacedScenesOf(
+    const HttpRequest& request) const {
+  std::vector<std::shared_ptr<const Opened>> placed;
+  if (SceneNameOf(request)) {
+    placed = {SceneOf(request)};
+  } else {
+    const auto scenes = Scenes();
+    for (const auto& [name, scene] : *scenes) placed.push_back(scene);
+  }
+  std::erase_if(placed, [](const auto& scene) { return !scene->place; });
+  if (!placed.empty()) return placed;
+  throw Problem(404, "scene", "scene: its place on the earth is not known: it has no CRS");
 }
 
 std::optional<HttpAnswer> Service::AnswerHead(const HttpRequest& head, bool is_ready,
@@ -200,7 +256,11 @@ std::optional<HttpAnswer> Service::AnswerHead(const HttpRequest& head, bool is_r
     const bool is_probe = path == "/healthz" || path == "/readyz";
     if (tokens_ && !is_probe) tokens_->Admit(head.authorization, AnswerWatch::Clock::now());
     if (!is_get) {
-      SceneOf(head);
+      if (path == kGeoPosePath) {
+        PlacedScenesOf(head);
+      } else {
+        SceneOf(head);
+      }
       return std::nullopt;
     }
     HttpAnswer answer = Get(path, is_ready, gauges);
@@ -263,24 +323,65 @@ LocalizedQuery Service::Run(const Opened& opened, LocalizeRequest request,
   }
   metrics_.CountVerdict(opened.scene.name, ToString(result.localized.verdict()));
   if (!options_.keep.empty()) {
-    Keep(request.picture_bytes, FormatQueryDiagnostics(result.localized));
+    Keep(request.picture_bytes, opened.Line(result.localized));
   }
   return std::move(result.localized);
+}
+
+HttpAnswer Service::AnswerLocalize(const HttpRequest& request, const AnswerWatch& watch) {
+  const auto opened = SceneOf(request);
+  LocalizeRequest read = ReadTimed(metrics_, [&] {
+    return ReadLocalizeRequest(request.content_type, request.body, opened->references,
+                               options_.limits.pixels);
+  });
+  const LocalizedQuery localized = Run(*opened, std::move(read), watch);
+  HttpAnswer answer{.body = opened->Line(localized)};
+  answer.headers.emplace_back("Server-Timing", ServerTiming(localized.times));
+  return answer;
+}
+
+const Service::Opened& Service::NearestOf(std::span<const std::shared_ptr<const Opened>> scenes,
+                                          const std::optional<RoughPosition>& near) {
+  if (scenes.size() == 1) return *scenes.front();
+  if (!near) {
+    throw Problem(400, "scene",
+                  "scene: is required with several scenes and no geolocationReadings");
+  }
+  const Opened* nearest = nullptr;
+  double least_m = 0;
+  for (const auto& scene : scenes) {
+    const auto distance_m = scene->place->DistanceMeters(*near);
+    if (!distance_m || (nearest != nullptr && *distance_m >= least_m)) continue;
+    nearest = scene.get();
+    least_m = *distance_m;
+  }
+  if (nearest != nullptr) return *nearest;
+  throw Problem(404, "scene", "scene: none is near to where the photograph was taken");
+}
+
+HttpAnswer Service::AnswerGeoPose(const HttpRequest& request, const AnswerWatch& watch) {
+  const auto placed = PlacedScenesOf(request);
+  GeoPoseRequest read =
+      ReadTimed(metrics_, [&] { return ReadGeoPoseRequest(request.body, options_.limits.pixels); });
+  const Opened& opened = NearestOf(placed, read.near);
+  if (read.near) read.photograph.query.priors.position = opened.place->PriorOf(*read.near);
+  const LocalizedQuery localized = Run(opened, std::move(read.photograph), watch);
+  if (!localized.localized()) {
+    throw Problem(422, "the photograph was not localized: " + localized.reason);
+  }
+  const auto camera = opened.place->CameraOf(localized.estimate);
+  if (!camera) throw Problem(422, "the photograph was localized beyond where the CRS is meant for");
+  HttpAnswer answer{.body = FormatGeoPoseAnswer(read, opened.scene.name, localized, *camera)};
+  answer.headers.emplace_back("Server-Timing", ServerTiming(localized.times));
+  return answer;
 }
 
 HttpAnswer Service::Localize(const HttpRequest& request, const AnswerWatch& watch) {
   try {
     return AsProblems(options_, [&] {
       watch.Check();
-      const auto opened = SceneOf(request);
-      const auto begin = AnswerWatch::Clock::now();
-      LocalizeRequest read = ReadLocalizeRequest(request.content_type, request.body,
-                                                 opened->references, options_.limits.pixels);
-      const std::chrono::duration<double> reading = AnswerWatch::Clock::now() - begin;
-      metrics_.ObserveStage("read", reading.count());
-      const LocalizedQuery localized = Run(*opened, std::move(read), watch);
-      HttpAnswer answer{.body = FormatQueryDiagnostics(localized)};
-      answer.headers.emplace_back("Server-Timing", ServerTiming(localized.times));
+      HttpAnswer answer = PathOf(request) == kGeoPosePath ? AnswerGeoPose(request, watch)
+                                                          : AnswerLocalize(request, watch);
       Complete(request, answer);
       return answer;
     });
@@ -315,7 +416,7 @@ std::string Service::Next(Batch& batch, const AnswerWatch& watch) {
         tokens_->Admit(batch.request.authorization, AnswerWatch::Clock::now());
       }
       LocalizeRequest read = ReadBatchEntry(batch.photographs, index, options_.limits.pixels);
-      return FormatQueryDiagnostics(Run(*batch.scene, std::move(read), watch)) + '\n';
+      return batch.scene->Line(Run(*batch.scene, std::move(read), watch)) + '\n';
     });
   } catch (const Problem& problem) {
     nlohmann::ordered_json line = {{"name", batch.photographs.photographs[index].name},

@@ -10,6 +10,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -23,6 +24,8 @@
 #include "raylift/service/server.h"
 
 namespace raylift {
+
+struct RoughPosition;
 
 struct HttpRequest {
   std::string method, target;                             // as they stand in its first line
@@ -64,6 +67,7 @@ class Service {
                                        const ReadGauges& gauges);
   static bool IsBatch(const HttpRequest& request);
 
+  // Answers a photograph: on /v1/localize or /geopose.
   HttpAnswer Localize(const HttpRequest& request, const AnswerWatch& watch);
 
   // Photographs of one request, one after the other.
@@ -90,10 +94,18 @@ class Service {
  private:
   using OpenedScenes = std::map<std::string, std::shared_ptr<const Opened>>;
 
+  HttpAnswer AnswerLocalize(const HttpRequest& request, const AnswerWatch& watch);
+  HttpAnswer AnswerGeoPose(const HttpRequest& request, const AnswerWatch& watch);
+
   // Counts an answer and adds what belongs to all of them.
   void Complete(const HttpRequest& request, HttpAnswer& answer);
   std::shared_ptr<const OpenedScenes> Scenes() const;
   std::shared_ptr<const Opened> SceneOf(const HttpRequest& request) const;
+  // Throws Problem where it cannot be told, or where none has a system for the position.
+  static const Opened& NearestOf(std::span<const std::shared_ptr<const Opened>> scenes,
+                                 const std::optional<RoughPosition>& near);
+  // Those that may answer where a photograph is on the earth; at least one.
+  std::vector<std::shared_ptr<const Opened>> PlacedScenesOf(const HttpRequest& request) const;
   HttpAnswer Get(std::string_view path, bool is_ready, const ReadGauges& gauges) const;
   HttpAnswer ListScenes() const;
   LocalizedQuery Run(const Opened& scene, LocalizeRequest request, const AnswerWatch& watch);

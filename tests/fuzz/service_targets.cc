@@ -1,6 +1,7 @@
 // What clients of the server send, behind the headers of HTTP.
 
 #include "fuzz/fuzz_targets.h"
+#include "service/geopose.h"
 #include "service/localize_request.h"
 #include "service/multipart.h"
 #include "service/problem.h"
@@ -62,6 +63,26 @@ std::vector<FuzzTarget> ServiceFuzzTargets() {
        },
        "image features matches name camera priors width height keypoints descriptors "
        "reference query_px reference_px"},
+      {"service_geopose",
+       [](std::string_view bytes) { AsInput([&] { ReadGeoPoseRequest(bytes, kMaxPixels); }); },
+       [] {
+         const std::string start = R"({"id": "a", "timestamp": 1, "type": "geopose", )"
+                                   R"("sensors": [], "sensorReadings": {"cameraReadings": [)"
+                                   R"({"size": [2, 1], "imageFormat": )";
+         return std::vector<std::string>{
+             start + R"("JPG", "imageBytes": "UDUgMiAxIDI1NQphYg==", "params": )"
+                     R"({"model": "PINHOLE", "modelParams": [3, 4, 1, 0.5]}}]}})",
+             start + R"("RGBA32", "imageBytes": "YWFhAGJiYgA=", )"
+                     R"("imageOrientation": {"mirrored": false, "rotation": 0}}], )"
+                     R"("geolocationReadings": [{"timestamp": 1, "latitude": 48, "longitude": 9, )"
+                     R"("altitude": 1, "accuracy": 5, "altitudeAccuracy": null}]}})",
+             start + R"("GRAY8", "imageBytes": "YWI="}]}, "priorPoses": [{"timestamp": 1, )"
+                     R"("geopose": {"position": {"lon": 9, "lat": 48, "h": 1}}}]})"};
+       },
+       "id timestamp type geopose sensorReadings cameraReadings imageFormat JPG GRAY8 RGBA32 DEPTH "
+       "size imageBytes imageOrientation mirrored params model UNKNOWN modelParams "
+       "geolocationReadings latitude longitude altitude accuracy altitudeAccuracy priorPoses "
+       "position lon lat h"},
       {"service_target", [](std::string_view bytes) { AsInput([&] { ParseParameters(bytes); }); },
        [] { return std::vector<std::string>{"/v1/localize?scene=a%20b"}; },
        "/v1/localize ? scene= & %2F +"},

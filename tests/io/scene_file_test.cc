@@ -25,6 +25,7 @@ TEST(SceneFile, PathsAreRelativeToTheFile) {
             "queries = './*_queries.txt'\n"
             "query_images = '/elsewhere'\n"
             "thresholds = '7scenes'\n"
+            "crs = 'EPSG:25832@460000,5420000,0'\n"
             "[[geometry]]\n"
             "name = 'sensor'\n"
             "spec = 'depth:../data/chess,preset=7scenes,pattern={dir}/a.png'\n"
@@ -56,6 +57,7 @@ TEST(SceneFile, PathsAreRelativeToTheFile) {
   EXPECT_EQ(scene.times, "");
   EXPECT_EQ(scene.groups, "");
   EXPECT_EQ(scene.thresholds, "7scenes");
+  EXPECT_EQ(scene.crs, "EPSG:25832@460000,5420000,0");
   ASSERT_EQ(scene.geometries.size(), 6u);
   EXPECT_EQ(scene.geometries[0].name, "sensor");
   EXPECT_EQ(scene.geometries[0].spec,
@@ -84,6 +86,7 @@ TEST(SceneFile, ReadsBackWhatWasWritten) {
   scene.groups = folder / "out" / "groups.txt";
   scene.priors = folder / "out" / "priors.txt";
   scene.thresholds = "0.1,1:0.25,2";
+  scene.crs = "EPSG:32632";
   scene.geometries = {{"mesh", "mesh:" + (folder / "data" / "a.ply").string() + ",far=3"},
                       {"all points", "sfm"}};
   scene.provenance = {{"dataset", "tum"}, {"skipped frames", "3"}};
@@ -100,6 +103,7 @@ TEST(SceneFile, ReadsBackWhatWasWritten) {
   EXPECT_EQ(back.groups, scene.groups);
   EXPECT_EQ(back.priors, scene.priors);
   EXPECT_EQ(back.thresholds, scene.thresholds);
+  EXPECT_EQ(back.crs, scene.crs);
   ASSERT_EQ(back.geometries.size(), 2u);
   EXPECT_EQ(back.geometries[0].spec, scene.geometries[0].spec);
   EXPECT_EQ(back.geometries[1].name, "all points");

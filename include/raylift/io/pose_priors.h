@@ -94,6 +94,10 @@ struct PhotographTags {
 };
 PhotographTags ReadPhotographTags(const std::filesystem::path& file);
 
+// Returns the standard deviations, along east, north and up, of a position by GNSS that states this
+// error, and a height or none.
+Eigen::Vector3d GnssSigmaMeters(double stated_error_m, bool has_height = true);
+
 // Returns the lines of such a file that say what the photograph `name` says of itself.
 std::string FormatPhotographPriors(const std::string& name, const PhotographTags& tags);
 

@@ -12,6 +12,7 @@
 //   groups = "groups.txt"            # name group, of queries
 //   priors = "priors.txt"            # known of the queries' poses (io/query_list.h)
 //   thresholds = "7scenes"           # as --thresholds takes them
+//   crs = "EPSG:25832@460000,5420000,0"  # what the world's coordinates are, as --crs takes it
 //   [[geometry]]                     # the first is the default
 //   name = "sensor"
 //   spec = "depth:../7scenes/chess,preset=7scenes"
@@ -48,6 +49,7 @@ struct SceneFile {
   std::filesystem::path groups;
   std::filesystem::path priors;
   std::string thresholds;
+  std::string crs;
   std::vector<SceneGeometry> geometries;                        // in the file's order
   std::vector<std::pair<std::string, std::string>> provenance;  // by key
 };

@@ -8,6 +8,7 @@
 //
 //   POST /v1/localize?scene=NAME        one photograph; answers a line of queries.jsonl
 //   POST /v1/localize/batch?scene=NAME  several; answers a line each, as they are done
+//   POST /geopose?scene=NAME            the GeoPose Protocol of Open AR Cloud, version 2
 //   GET  /v1/scenes /healthz /readyz /metrics /openapi.json /
 //
 // An answer depends on its request and the scene's calibration alone: it is that of the command
@@ -21,9 +22,11 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "raylift/geometry/geodesy.h"
 #include "raylift/localization/localizer.h"
 
 namespace raylift {
@@ -31,6 +34,7 @@ namespace raylift {
 struct ServedScene {
   std::string name;  // each another
   std::shared_ptr<const Localizer> localizer;
+  std::optional<WorldFrame> world = std::nullopt;  // where its place on the earth is known
 };
 // Called before the first request, and again, on another thread, where scenes are to be opened
 // anew.

@@ -38,6 +38,10 @@ constexpr double kLeastStatedSigma = 0.5;
 constexpr double kTiltSigmaDeg = 2, kGimbalHeadingSigmaDeg = 10, kHeadingSigmaDeg = 15,
                  kMagneticSigmaDeg = 25;
 
+Vector3d SigmaOfAcross(double across_m) {
+  return {across_m, across_m, std::hypot(kHeightSigma, 2 * across_m)};
+}
+
 class Finder {
  public:
   explicit Finder(const Exif& exif) : exif_(exif) {}
@@ -87,12 +91,8 @@ class Finder {
       sigma.z() = std::hypot(sigma.z(), kHeightSigma);  // by what the map's heights are
       return sigma;
     }
-    const double across =
-        exif_.gps->horizontal_error_m
-            ? std::max(kSigmaOfError * *exif_.gps->horizontal_error_m, kLeastStatedSigma)
-        : exif_.drone ? kGnssSigma
-                      : kPhoneSigma;
-    return {across, across, std::hypot(kHeightSigma, 2 * across)};
+    if (exif_.gps->horizontal_error_m) return GnssSigmaMeters(*exif_.gps->horizontal_error_m);
+    return SigmaOfAcross(exif_.drone ? kGnssSigma : kPhoneSigma);
   }
 
   // The camera's axes (right, down, forward) in north, east and down.
@@ -148,6 +148,12 @@ std::string Text(const Vector3d& v) {
 }
 
 }  // namespace
+
+Eigen::Vector3d GnssSigmaMeters(double stated_error_m, bool has_height) {
+  Vector3d sigma = SigmaOfAcross(std::max(kSigmaOfError * stated_error_m, kLeastStatedSigma));
+  if (!has_height) sigma.z() = kUnknownHeightSigma;
+  return sigma;
+}
 
 PhotographTags ReadPhotographTags(const std::filesystem::path& file) {
   RequireRegularFile(file);

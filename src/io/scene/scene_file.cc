@@ -44,6 +44,7 @@ class SceneReader {
     CheckFormat();
     scene_.name = top_.Text("name").value_or("");
     scene_.thresholds = top_.Text("thresholds").value_or("");
+    scene_.crs = top_.Text("crs").value_or("");
     for (const PathKey& known : kPathKeys) {
       if (const auto text = top_.Text(known.key)) scene_.*known.member = Resolve(*text);
     }
@@ -142,6 +143,7 @@ void WriteSceneFile(const path& file, const SceneFile& scene) {
     if (!target.empty()) add(known.key, relative(target).string());
   }
   add("thresholds", scene.thresholds);
+  add("crs", scene.crs);
   for (const SceneGeometry& geometry : scene.geometries) {
     text += "\n[[geometry]]\n";
     add("name", geometry.name);

@@ -24,30 +24,18 @@ using Json = nlohmann::ordered_json;
 
 constexpr double kDegrees = 180 / std::numbers::pi;
 
-Matrix3d WorldFromCam(const LocalizedQuery& query) {
-  return query.estimate.cam_from_world->rotation.conjugate().toRotationMatrix();
+Matrix3d WorldFromCam(const Rigid3& cam_from_world) {
+  return cam_from_world.rotation.conjugate().toRotationMatrix();
 }
 
-Json GeoPose(const EarthFrame::Place& place, const Matrix3d& enu_from_body, GeoPoseForm form) {
-  Json json = {{"position",
-                {{"lat", place.geographic.y()},
-                 {"lon", place.geographic.x()},
-                 {"h", place.geographic.z()}}}};
-  if (form == GeoPoseForm::kQuaternion) {
-    Eigen::Quaterniond q(enu_from_body);
-    if (q.w() < 0) q.coeffs() *= -1;
-    json["quaternion"] = {{"x", q.x()}, {"y", q.y()}, {"z", q.z()}, {"w", q.w()}};
-    return json;
-  }
-  // About z, then the new y, then the new x.
-  const Matrix3d& r = enu_from_body;
+// Of a rotation about z, then the new y, then the new x.
+Json YawPitchRoll(const Matrix3d& r) {
   const double horizontal = std::hypot(r(0, 0), r(1, 0));
   const bool is_vertical = horizontal < 1e-9;
-  json["angles"] = {{"yaw", is_vertical ? kDegrees * std::atan2(-r(0, 1), r(1, 1))
-                                        : kDegrees * std::atan2(r(1, 0), r(0, 0))},
-                    {"pitch", kDegrees * std::atan2(-r(2, 0), horizontal)},
-                    {"roll", is_vertical ? 0.0 : kDegrees * std::atan2(r(2, 1), r(2, 2))}};
-  return json;
+  return {{"yaw", is_vertical ? kDegrees * std::atan2(-r(0, 1), r(1, 1))
+                              : kDegrees * std::atan2(r(1, 0), r(0, 0))},
+          {"pitch", kDegrees * std::atan2(-r(2, 0), horizontal)},
+          {"roll", is_vertical ? 0.0 : kDegrees * std::atan2(r(2, 1), r(2, 2))}};
 }
 
 // The ellipse of a covariance in east and north that holds 95 %: the square root of chi squared's
@@ -85,6 +73,12 @@ EarthFrame::Place EarthFrame::At(const Vector3d& point_in_world) const {
   return {to_wgs84_(in_crs), frame.Axes(), frame.Scale()};
 }
 
+std::optional<std::string> EarthFrame::HeightsWarning() const {
+  if (world_.crs.has_heights()) return std::nullopt;
+  return fmt::format("{} says not what heights are above: they count as above the ellipsoid",
+                     world_.crs.definition());
+}
+
 std::optional<Matrix3d> CenterCovariance(const PoseEstimate& estimate) {
   if (!estimate.covariance || !estimate.cam_from_world) return std::nullopt;
   // A step (w, v) moves the center by -R' v.
@@ -92,17 +86,41 @@ std::optional<Matrix3d> CenterCovariance(const PoseEstimate& estimate) {
   return r.transpose() * estimate.covariance->bottomRightCorner<3, 3>() * r;
 }
 
-void WriteGeoPoses(const std::filesystem::path& folder, const EarthFrame& earth,
-                   std::span<const LocalizedQuery> queries, GeoPoseForm form) {
+std::optional<Matrix3d> CenterCovarianceEnu(const PoseEstimate& estimate,
+                                            const EarthFrame::Place& place) {
+  const auto covariance = CenterCovariance(estimate);
+  if (!covariance) return std::nullopt;
+  return place.world_from_enu.transpose() * *covariance * place.world_from_enu /
+         (place.units_per_meter * place.units_per_meter);
+}
+
+Json GeoPoseOf(const Rigid3& cam_from_world, const EarthFrame::Place& place, GeoPoseForm form) {
   Matrix3d cam_from_body;  // x, y, z: where the camera looks, left, up
   cam_from_body << 0, -1, 0, 0, 0, -1, 1, 0, 0;
+  const Matrix3d enu_from_body =
+      place.world_from_enu.transpose() * WorldFromCam(cam_from_world) * cam_from_body;
+  Json json = {{"position",
+                {{"lat", place.geographic.y()},
+                 {"lon", place.geographic.x()},
+                 {"h", place.geographic.z()}}}};
+  if (form == GeoPoseForm::kYawPitchRoll) {
+    json["angles"] = YawPitchRoll(enu_from_body);
+    return json;
+  }
+  Eigen::Quaterniond q(enu_from_body);
+  if (q.w() < 0) q.coeffs() *= -1;
+  json["quaternion"] = {{"x", q.x()}, {"y", q.y()}, {"z", q.z()}, {"w", q.w()}};
+  return json;
+}
+
+void WriteGeoPoses(const std::filesystem::path& folder, const EarthFrame& earth,
+                   std::span<const LocalizedQuery> queries, GeoPoseForm form) {
   for (const LocalizedQuery& query : queries) {
-    const auto place = earth.At(query.estimate.cam_from_world->OriginInSource());
-    const Matrix3d enu_from_body =
-        place.world_from_enu.transpose() * WorldFromCam(query) * cam_from_body;
+    const Rigid3& cam_from_world = *query.estimate.cam_from_world;
     const std::filesystem::path file = PathBelow(folder, query.name + ".json");
     std::filesystem::create_directories(file.parent_path());
-    WriteFile(file, JsonText(GeoPose(place, enu_from_body, form), 1) + '\n');
+    const auto place = earth.At(cam_from_world.OriginInSource());
+    WriteFile(file, JsonText(GeoPoseOf(cam_from_world, place, form), 1) + '\n');
   }
 }
 
@@ -115,21 +133,19 @@ void WriteGeoJson(const std::filesystem::path& file, const EarthFrame& earth,
     Json properties = {{"name", query.name},
                        {"verdict", ToString(query.verdict())},
                        {"confidence", query.confidence()}};
-    const auto covariance = CenterCovariance(query.estimate);
-    if (!covariance) {
+    const auto in_enu = CenterCovarianceEnu(query.estimate, place);
+    if (!in_enu) {
       features.push_back(
           Feature({{"type", "Point"}, {"coordinates", {at.x(), at.y(), at.z()}}}, properties));
       continue;
     }
-    const Matrix3d in_enu = place.world_from_enu.transpose() * *covariance * place.world_from_enu /
-                            (place.units_per_meter * place.units_per_meter);
-    const Vector3d sigma_m = in_enu.diagonal().cwiseMax(0).cwiseSqrt();
+    const Vector3d sigma_m = in_enu->diagonal().cwiseMax(0).cwiseSqrt();
     properties["sigma_east_m"] = sigma_m.x();
     properties["sigma_north_m"] = sigma_m.y();
     properties["sigma_up_m"] = sigma_m.z();
     features.push_back(
         Feature({{"type", "Point"}, {"coordinates", {at.x(), at.y(), at.z()}}}, properties));
-    features.push_back(Feature(Ellipse(place, in_enu.topLeftCorner<2, 2>()),
+    features.push_back(Feature(Ellipse(place, in_enu->topLeftCorner<2, 2>()),
                                {{"name", query.name}, {"holds", "95 %"}}));
   }
   const Json collection = {{"type", "FeatureCollection"}, {"features", features}};
@@ -147,8 +163,9 @@ void WriteMapPoses(const std::filesystem::path& file, const EarthFrame& earth, c
     target.Check(there);
     const Matrix3d target_from_world =
         LocalFrameAt(target, there).Axes() * place.world_from_enu.transpose();
-    const Matrix3d target_from_cam =
-        target_from_world * WorldFromCam(query) * Vector3d(1, -1, -1).asDiagonal();
+    const Matrix3d target_from_cam = target_from_world *
+                                     WorldFromCam(*query.estimate.cam_from_world) *
+                                     Vector3d(1, -1, -1).asDiagonal();
     Eigen::Quaterniond q(target_from_cam);
     if (q.w() < 0) q.coeffs() *= -1;
     text += NameText(file, query.name);

@@ -9,6 +9,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <nlohmann/json_fwd.hpp>
 
 #include "raylift/geometry/geodesy.h"
 #include "raylift/localization/localizer.h"
@@ -33,6 +34,8 @@ class EarthFrame {
   const WorldFrame& world() const { return world_; }
   // Says how the last place may be off, nullopt where it is not.
   std::optional<std::string> Warning() const { return to_wgs84_.Warning(); }
+  // Says that heights are taken as they are; nullopt where the world's system has heights.
+  std::optional<std::string> HeightsWarning() const;
 
  private:
   WorldFrame world_;
@@ -42,10 +45,18 @@ class EarthFrame {
 // Returns the covariance of the camera's center in the world; nullopt where it is not known.
 std::optional<Eigen::Matrix3d> CenterCovariance(const PoseEstimate& estimate);
 
-// Writes one file per query below a folder: OGC GeoPose 1.0, as Basic-Quaternion or as Basic-YPR.
-// The frame of the pose is the camera's body: x is where it looks, y the left and z the top of its
-// image; without rotation they are east, north and up.
+// The same in square meters along east, north and up at the camera's place.
+std::optional<Eigen::Matrix3d> CenterCovarianceEnu(const PoseEstimate& estimate,
+                                                   const EarthFrame::Place& place);
+
+// Returns OGC GeoPose 1.0, as Basic-Quaternion or as Basic-YPR. The frame of the pose is the
+// camera's body: x is where it looks, y the left and z the top of its image; without rotation they
+// are east, north and up.
 enum class GeoPoseForm { kQuaternion, kYawPitchRoll };
+nlohmann::ordered_json GeoPoseOf(const Rigid3& cam_from_world, const EarthFrame::Place& place,
+                                 GeoPoseForm form = GeoPoseForm::kQuaternion);
+
+// Writes one file per query below a folder.
 void WriteGeoPoses(const std::filesystem::path& folder, const EarthFrame& earth,
                    std::span<const LocalizedQuery> queries, GeoPoseForm form);
 

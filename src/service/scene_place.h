@@ -1,0 +1,61 @@
+// Where a served scene is on the earth.
+
+#pragma once
+
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "localization/results/earth_exports.h"
+#include <Eigen/Core>
+#include <nlohmann/json.hpp>
+
+#include "raylift/geometry/geodesy.h"
+#include "raylift/localization/scene.h"
+#include "raylift/scene/photographs.h"
+
+namespace raylift {
+
+// A position on the earth as clients know it: by GNSS, or by an earlier answer.
+struct RoughPosition {
+  Eigen::Vector3d geographic;  // longitude, latitude in degrees, height of WGS 84
+  // Standard deviations in meters along east, north and up; nullopt: it tells no more than which
+  // scene is near.
+  std::optional<Eigen::Vector3d> sigma_m = std::nullopt;
+};
+
+// Thread safe.
+class ScenePlace {
+ public:
+  // Throws InputError where the world's system is not meant for where the references are.
+  ScenePlace(const WorldFrame& world, const ReferenceSet& references);
+
+  struct Camera {
+    nlohmann::ordered_json geopose;               // OGC GeoPose 1.0, Basic-Quaternion
+    std::optional<Eigen::Vector3d> sigma_m = {};  // of its center, along east, north and up
+  };
+  // nullopt where the world's system is not meant for where the camera is.
+  std::optional<Camera> CameraOf(const PoseEstimate& estimate) const;
+
+  // How far the nearest reference is along the ground, in meters; nullopt where the world's system
+  // is not meant for the position.
+  std::optional<double> DistanceMeters(const RoughPosition& position) const;
+
+  // The same in the world; nullopt likewise.
+  std::optional<PositionPrior> PriorOf(const RoughPosition& position) const;
+
+  // Says how places may be off; nullopt where they are not.
+  std::optional<std::string> Warning() const;
+
+ private:
+  std::optional<Eigen::Vector3d> InCrs(const Eigen::Vector3d& geographic) const;
+
+  mutable std::mutex mutex_;  // PROJ's objects are for one thread at a time
+  EarthFrame earth_;
+  Crs wgs84_;
+  CrsTransform to_crs_;
+  std::vector<Eigen::Vector3d> references_in_crs_;
+};
+
+}  // namespace raylift

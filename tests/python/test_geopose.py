@@ -1,0 +1,160 @@
+"""Places on the earth by raylift serve: the GeoPose Protocol of Open AR Cloud, and /v1/localize."""
+
+import base64
+import json
+import subprocess
+
+import pytest
+
+from served import DEMO, QUERIES, RAYLIFT, SCENE, Server, photograph
+
+CRS = "EPSG:32632@500000,5400000,200"
+FAR = "EPSG:32632@300000,5400000,200"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A run of `localize` on the demo, and its poses as GeoPose."""
+    out = tmp_path_factory.mktemp("run")
+    subprocess.run([RAYLIFT, "localize", "--scene", SCENE, "--crs", CRS, "--out", out, "--quiet"], check=True)
+    subprocess.run([RAYLIFT, "export", "geopose", out, "--out", out / "geopose"], check=True)
+    return out
+
+
+def options(run):
+    return ["--cache", run / "cache", "--scene-calibration", run / "scene_calibration.json"]
+
+
+@pytest.fixture(scope="module")
+def server(run):
+    with Server(*options(run), "--crs", CRS) as server:
+        yield server
+
+
+def request_of(name, **more):
+    """What the protocol's client sends."""
+    model, width, height, *params = QUERIES[name].split()
+    reading = {"timestamp": 1, "sensorId": "0", "sequenceNumber": 0, "imageFormat": "JPG",
+               "privacy": {"dataRetention": [], "dataAcceptableUse": [], "dataSanitizationApplied": [],
+                           "dataSanitizationRequested": []},
+               "size": [int(width), int(height)],
+               "imageBytes": base64.b64encode(photograph(name)).decode(),
+               "imageOrientation": {"mirrored": False, "rotation": 0},
+               "params": {"model": model, "modelParams": [float(number) for number in params]}}
+    return {"id": name, "timestamp": 1700000000123, "type": "geopose", "sensors": [{"id": "0", "type": "camera"}],
+            "sensorReadings": {"cameraReadings": [reading], **more}}
+
+
+def geolocation(place, accuracy=0.0, east=0.0, north=0.0):
+    return [{"timestamp": 2, "sensorId": "1", "latitude": place["lat"] + north / 111e3,
+             "longitude": place["lon"] + east / 73e3, "altitude": place["h"], "accuracy": accuracy,
+             "altitudeAccuracy": accuracy, "heading": None, "speed": 0}]
+
+
+def ask(server, request, path="/geopose"):
+    status, headers, body = server.ask(path, json.dumps(request).encode(), {
+        "Content-Type": "application/json", "Accept": "application/vnd.oscp+json;version=2.0;"})
+    if status != 200:
+        assert headers["Content-Type"] == "application/problem+json"
+    return status, json.loads(body)
+
+
+def exported(run, name):
+    return json.loads((run / "geopose" / (name + ".json")).read_text())
+
+
+def test_places_are_those_that_export_writes(run, server):
+    for name in sorted(QUERIES)[:4]:
+        told = json.loads(server.localize(name))
+        assert told.pop("geopose") == exported(run, name)
+        status, answer = ask(server, request_of(name))
+        assert status == 200, answer
+        assert answer["geopose"] == exported(run, name)
+        assert answer["id"] == name and answer["timestamp"] == 1700000000123 and answer["type"] == "geopose"
+        assert answer["scene"] == "demo" and answer["verdict"] == "localized"
+        assert 0 < answer["accuracy"]["position"] < 0.1 and 0 < answer["accuracy"]["orientation"] < 1
+
+
+def test_but_for_the_place_a_line_is_that_of_the_command_line(run, server):
+    lines = {json.loads(line)["name"]: line for line in (run / "queries.jsonl").read_text().splitlines()}
+    name = sorted(QUERIES)[0]
+    line = server.localize(name)
+    assert line.startswith(lines[name][:-1] + ',"geopose":')
+
+
+def test_places_are_those_of_pyproj(run):
+    pyproj = pytest.importorskip("pyproj")
+    to_earth = pyproj.Transformer.from_crs("EPSG:32632", "EPSG:4326", always_xy=True)
+    for line in (run / "queries.jsonl").read_text().splitlines():
+        query = json.loads(line)
+        w, x, y, z = query["cam_from_world"]["qvec"]
+        t = query["cam_from_world"]["tvec"]
+        rotation = [[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                    [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                    [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]]
+        center = [-sum(rotation[row][i] * t[row] for row in range(3)) for i in range(3)]
+        lon, lat = to_earth.transform(center[0] + 500000, center[1] + 5400000)
+        place = exported(run, query["name"])["position"]
+        assert place["lon"] == pytest.approx(lon, abs=1e-9) and place["lat"] == pytest.approx(lat, abs=1e-9)
+        assert place["h"] == pytest.approx(center[2] + 200, abs=1e-6)
+
+
+def test_a_position_by_gnss_is_taken_and_does_not_spoil_the_pose(run, server):
+    name = sorted(QUERIES)[0]
+    place = exported(run, name)["position"]
+    for key in ("geolocationReadings", "geoLocationReadings"):
+        status, answer = ask(server, request_of(name, **{key: geolocation(place, accuracy=5, east=4, north=3)}))
+        assert status == 200
+        for axis, tolerance in (("lon", 2e-7), ("lat", 2e-7), ("h", 0.02)):  # 2 cm
+            assert answer["geopose"]["position"][axis] == pytest.approx(place[axis], abs=tolerance)
+
+
+def scene_file(folder, name, crs):
+    file = folder / (name + ".toml")
+    file.write_text(f'format = "raylift-scene/1"\nname = "{name}"\nreferences = "{DEMO}/model"\n'
+                    f'images = "{DEMO}/images"\ncrs = "{crs}"\n'
+                    f'[[geometry]]\nname = "mesh"\nspec = "mesh:{DEMO}/scene.obj"\n')
+    return file
+
+
+def test_the_nearest_scene_answers(run, tmp_path):
+    name = sorted(QUERIES)[0]
+    place = exported(run, name)["position"]
+    with Server("--cache", run / "cache", scenes=(scene_file(tmp_path, "far", FAR), scene_file(tmp_path, "near", CRS))) as server:
+        status, answer = ask(server, request_of(name))
+        assert status == 400 and answer["field"] == "scene"
+        status, answer = ask(server, request_of(name, geolocationReadings=geolocation(place)))
+        assert status == 200 and answer["scene"] == "near"
+        status, answer = ask(server, request_of(name), "/geopose?scene=far")
+        assert status == 200 and abs(answer["geopose"]["position"]["lon"] - place["lon"]) > 1
+        elsewhere = geolocation({"lon": -120, "lat": 10, "h": 0})
+        status, answer = ask(server, request_of(name, geolocationReadings=elsewhere))
+        assert status == 404 and answer["field"] == "scene"
+
+
+def test_what_is_wrong_is_told(run, server):
+    name = sorted(QUERIES)[0]
+    request = request_of(name)
+    assert ask(server, request, "/geopose?scene=other")[1]["field"] == "scene"
+    assert ask(server, request, "/geopose?place=other")[1]["field"] == "place"
+    assert ask(server, {**request, "sensorReadings": []})[1]["field"] == "body.sensorReadings"
+    assert server.ask("/geopose")[0] == 405
+    # A picture that shows nothing.
+    gray = base64.b64encode(bytes(640 * 480)).decode()
+    request["sensorReadings"]["cameraReadings"][0].update(imageFormat="GRAY8", imageBytes=gray)
+    status, answer = ask(server, request)
+    assert status == 422 and "not localized" in answer["detail"]
+
+
+def test_a_scene_without_a_crs_has_no_place(run):
+    with Server(*options(run)) as server:
+        status, answer = ask(server, request_of(sorted(QUERIES)[0]))
+        assert status == 404 and answer["field"] == "scene" and "CRS" in answer["detail"]
+        assert "geopose" not in json.loads(server.localize(sorted(QUERIES)[0]))
+
+
+def test_a_system_that_is_not_meant_for_the_scene_is_refused(run):
+    done = subprocess.run([RAYLIFT, "serve", SCENE, "--port", "0", "--crs", "EPSG:25832", *options(run)],
+                          capture_output=True, text=True)
+    assert done.returncode == 3, done
+    assert len(done.stderr.splitlines()) == 1 and "EPSG:25832" in done.stderr
