@@ -283,8 +283,8 @@ std::string LocalizationReport::Format(std::string_view title,
       }
       const auto verdict = query.at("verdict").get<std::string>();
       ++count_of[verdict];
+      if (walk) AddSinglePose(walk->walked.queries[i], scene);  // what comes later lies above
       AddToScene(part.at("scene"), query.at("query"), verdict, scene);
-      if (walk) AddSinglePose(walk->walked.queries[i], scene);
       if (query.contains("reference")) {  // not where it is beside the page
         shown_references.insert(query["reference"].at("name").get<std::string>());
       }

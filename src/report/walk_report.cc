@@ -13,20 +13,22 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-// Residuals of another pose would lead astray: marks keep their places, [x, y, inlier].
-void ForgetResiduals(Json& query) {
+// Inliers and residuals of another pose would lead astray: marks keep their places, [x, y, 0], and
+// lines their ends, [x, y, x in the reference, y, 0].
+void ForgetInliers(Json& query) {
   for (const char* kind : {"points", "pairs"}) {
     if (!query.contains(kind)) continue;
-    for (Json& mark : query[kind]) mark = {mark[0], mark[1], mark[2]};
+    for (Json& mark : query[kind]) mark = {mark[0], mark[1], 0};
   }
+  if (!query.contains("reference")) return;
+  for (Json& line : query["reference"]["lines"]) line[4] = 0;
 }
 
 void TakePictures(const WalkedQuery& walked, const Query& query, const RayCaster* mesh,
                   Json& json) {
   if (walked.role == WalkRole::kAlone || walked.role == WalkRole::kSmoothed) return;
-  ForgetResiduals(json);
-  json.erase("rendering");
-  json.erase("edges");
+  ForgetInliers(json);
+  for (const char* key : {"solver", "rendering", "edges"}) json.erase(key);
   if (mesh == nullptr || !walked.localized.localized()) return;
   json.update(SeenFromPose(query.camera, *walked.localized.estimate.cam_from_world, *mesh));
 }

@@ -139,6 +139,7 @@ TEST_F(LocalizationReportTest, AWalkHasTheLastWord) {
   EXPECT_EQ(query["walk"]["role"], "replaced");
   EXPECT_EQ(query["walk"]["single_confidence"], 0.5);
   EXPECT_EQ(query["points"][0].size(), 3U);
+  EXPECT_FALSE(query.contains("solver"));
   EXPECT_NE(query["rendering"], alone["rows"][0]["queries"][0]["rendering"]);
   EXPECT_EQ(data["rows"][0]["queries"][1]["rendering"],
             alone["rows"][0]["queries"][1]["rendering"]);

@@ -207,7 +207,7 @@ function querySection(rows) {
         node: (query) => element("a", { href: "#queries" }, query.query) },
       ...(queries.some((query) => query.verdict) ? [{ title: "verdict", value: (query) => verdicts.indexOf(query.verdict),
         node: (query) => element("span", { class: `verdict ${query.verdict}` }, query.verdict) }] : []),
-      ...(queries.some((query) => query.walk) ? [{ title: "walk", value: (query) => query.walk.role, class: "text" }] : []),
+      ...(queries.some((query) => query.walk) ? [{ title: "walk", value: (query) => query.walk.role }] : []),
       ...known.map(([key, title]) => ({ title, value: (query) => query[key], text: (query) => number(query[key]) })),
       ...(queries.some((query) => query.reason !== undefined)
         ? [{ title: "why not", value: (query) => query.reason, class: "text" }] : []),
