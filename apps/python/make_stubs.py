@@ -13,7 +13,7 @@ from pathlib import Path
 # What the generator leaves untyped or writes in numpy's old way.
 REPAIRS = [
     (r"numpy\.ndarray\[(numpy\.\w+|bool)\]", r"numpy.typing.NDArray[\1]"),
-    (r"NDArray\[bool\]", "NDArray[numpy.bool_]"),
+    (r"NDArray\[(numpy\.)?bool\]", "NDArray[numpy.bool_]"),
     (r"\bdict(?=[:,)\s]| \|)(?!\[)", "dict[str, typing.Any]"),
     (r"(?<=-> )tuple(?=:)|(?<=: )tuple(?=\))", "tuple[typing.Any, ...]"),
     (r"(?<=-> )list(?=:)", "list[typing.Any]"),

@@ -77,7 +77,7 @@ def evaluate(poses: Union[Poses, Sequence[Poses]], ground_truth: Optional[Poses]
 
     Returns the table, as the option --json writes it.
     """
-    several = poses if isinstance(poses, (list, tuple)) else [poses]
+    several: Sequence[Any] = poses if isinstance(poses, (list, tuple)) else [poses]
     thresholds = options.get("thresholds")
     if isinstance(thresholds, (list, tuple)):
         options["thresholds"] = ":".join(",".join(map(_text, pair)) for pair in thresholds)

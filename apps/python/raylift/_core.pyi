@@ -390,17 +390,17 @@ class PoseEstimate:
         Of the query: one counts once, in however many references.
         """
     @property
-    def inlier_mask(self) -> numpy.typing.NDArray[numpy.bool]:
+    def inlier_mask(self) -> numpy.typing.NDArray[numpy.bool_]:
         """
         Which matches agree with the pose (N + M,), bool: inliers_2d3d and inliers_2d2d.
         """
     @property
-    def inliers_2d2d(self) -> numpy.typing.NDArray[numpy.bool]:
+    def inliers_2d2d(self) -> numpy.typing.NDArray[numpy.bool_]:
         """
         Which 2D-2D matches agree with the pose (M,), bool.
         """
     @property
-    def inliers_2d3d(self) -> numpy.typing.NDArray[numpy.bool]:
+    def inliers_2d3d(self) -> numpy.typing.NDArray[numpy.bool_]:
         """
         Which 2D-3D matches agree with the pose (N,), bool.
         """
@@ -557,7 +557,7 @@ class RayCaster:
         and normals (N, 3) in the world (unit, by the triangles' winding), triangles (N,), -1:
         none; barycentric (N, 2): point = (1 - u - v) v0 + u v1 + v v2.
         """
-    def occluded(self, origins: numpy.typing.ArrayLike, directions: numpy.typing.ArrayLike, *, t_near: typing.SupportsFloat | typing.SupportsIndex = 0.0, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> numpy.typing.NDArray[numpy.bool]:
+    def occluded(self, origins: numpy.typing.ArrayLike, directions: numpy.typing.ArrayLike, *, t_near: typing.SupportsFloat | typing.SupportsIndex = 0.0, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> numpy.typing.NDArray[numpy.bool_]:
         """
         Whether anything lies on each ray (N,), bool.
         """

@@ -28,8 +28,9 @@ def _array(value: Any) -> np.ndarray:
     """The array that a tensor or list holds, without the axis of a batch of one."""
     if isinstance(value, (list, tuple)) and len(value) == 1 and hasattr(value[0], "__array__"):
         return _array(value[0])
-    if hasattr(value, "detach"):
-        value = value.detach().cpu()
+    detach = getattr(value, "detach", None)
+    if detach is not None:
+        value = detach().cpu()
     array = np.asarray(value)
     return array[0] if array.ndim == 3 and len(array) == 1 else array
 
