@@ -261,7 +261,7 @@ class Export {
 
   // The first of the geometries that is one; null where there is none.
   std::shared_ptr<const RayCaster> Mesh() const {
-    for (const std::string& spec : run_.geometry) {
+    for (const std::string& spec : InWorld(run_.geometry, run_.world)) {
       if (!IsMeshSpec(spec)) continue;
       NamedGeometry geometry = MakeGeometrySource(spec, {.threads = flags_.running.threads});
       PrintWarnings(geometry.warnings);

@@ -21,6 +21,7 @@
 #include "base/progress.h"
 #include "jobs/file_promises.h"
 #include "jobs/manifest_file.h"
+#include "lifting/mesh_spec.h"
 #include "localization/continuous/continuous_localizer.h"
 #include "localization/results/query_job.h"
 #include <fmt/format.h>
@@ -336,6 +337,7 @@ Command AddLocalizeCommand(CLI::App& program) {
       AddCommand(program, "localize", "Poses of query photographs in a known scene");
   AddLocalizeOptions(command, *flags);
   return {&command, [flags, &command] {
+            flags->geometry.specs = InWorld(flags->geometry.specs, flags->world);
             flags->Check();
             LocalizeRun(*flags,
                         {.localizer = flags->Localizer(),
@@ -363,7 +365,10 @@ Example:
   raylift prepare --scene scene.toml --out result --shard 1/2
   raylift prepare --scene scene.toml --out result --shard 2/2
   raylift localize --scene scene.toml --out result)");
-  return {&command, [flags] { Prepare(*flags); }};
+  return {&command, [flags] {
+            flags->geometry.specs = InWorld(flags->geometry.specs, flags->world);
+            Prepare(*flags);
+          }};
 }
 
 }  // namespace raylift

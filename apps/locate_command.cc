@@ -15,6 +15,7 @@
 #include "apps/interrupt.h"
 #include "apps/options.h"
 #include "io/text/line_tokens.h"
+#include "lifting/mesh_spec.h"
 #include "localization/results/earth_exports.h"
 #include "localization/results/pixel_location.h"
 #include <fmt/format.h>
@@ -84,7 +85,7 @@ class Locating {
   void Write() {
     const std::vector<Pixel> pixels = ReadPixels(flags_.pixels);
     for (const Pixel& pixel : pixels) Check(pixel);
-    surface_ = OpenSurface(run_.geometry, flags_.running.threads);
+    surface_ = OpenSurface(InWorld(run_.geometry, run_.world), flags_.running.threads);
     TableRow head = {"name", "x_px", "y_px", "status", "x",  "y", "z",
                      "xx",   "xy",   "xz",   "yy",     "yz", "zz"};
     if (earth_) head.insert(head.end(), {"longitude", "latitude", "height"});

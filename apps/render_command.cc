@@ -135,9 +135,10 @@ void AddInputOptions(CLI::App& command, RenderFlags& flags) {
   const OptionGroup scene(command, "Scene");
   scene
       .Add("--geometry", flags.geometry,
-           "mesh:PATH[,build=low|medium]: PLY, OBJ, glTF, STL, ...; a.ply+b.ply,\n"
-           "tiles/*.ply or a folder, and several --geometry, are one scene; the\n"
-           "acceleration structure is built in medium quality by default; or\n"
+           "mesh:PATH[,build=low|medium]: PLY, OBJ, glTF, STL, ..., 3D Tiles\n"
+           "(DIR/tileset.json); a.ply+b.ply, tiles/*.ply or a folder, and several\n"
+           "--geometry, are one scene; the acceleration structure is built in medium\n"
+           "quality by default; or\n"
            "dsm:FILE[,ortho=FILE], a surface model, cloud:PATH[,key=value...], a point\n"
            "cloud, or splat:FILE[,key=value...], Gaussian splats, as localize takes them")
       .Required()

@@ -13,6 +13,7 @@
 #include "apps/localize_flags.h"
 #include "apps/localize_inputs.h"
 #include "apps/options.h"
+#include "lifting/mesh_spec.h"
 #include <fmt/format.h>
 #include <sys/resource.h>
 
@@ -65,22 +66,6 @@ std::string NameOf(const SceneFile& scene, const std::filesystem::path& file) {
                                 : file.stem().string();
 }
 
-// The flags with which `localize --scene FILE` would open the scene.
-LocalizeFlags FlagsOf(const ServeFlags& serve, const std::filesystem::path& file,
-                      const SceneFile& scene) {
-  LocalizeFlags flags = serve.localize;
-  flags.references.model = scene.references;
-  flags.images = scene.images;
-  flags.geometry.specs = SceneOptionsOf(scene, serve.localize.geometry.specs).geometry;
-  if (scene.references.empty()) {
-    throw InputError(file, "references: is missing: photographs are matched with references");
-  }
-  if (!flags.matching.front_end.cache.empty() && serve.scenes.size() > 1) {
-    flags.matching.front_end.cache /= NameOf(scene, file);
-  }
-  return flags;
-}
-
 std::optional<WorldFrame> WorldOf(const ServeFlags& serve, const std::filesystem::path& file,
                                   const SceneFile& scene) {
   if (serve.localize.world || scene.crs.empty()) return serve.localize.world;
@@ -89,6 +74,23 @@ std::optional<WorldFrame> WorldOf(const ServeFlags& serve, const std::filesystem
   } catch (const InputError& error) {
     throw InputError(file, fmt::format("crs: {}", error.what()));
   }
+}
+
+// The flags with which `localize --scene FILE` would open the scene.
+LocalizeFlags FlagsOf(const ServeFlags& serve, const std::filesystem::path& file,
+                      const SceneFile& scene) {
+  LocalizeFlags flags = serve.localize;
+  flags.references.model = scene.references;
+  flags.images = scene.images;
+  flags.geometry.specs = InWorld(SceneOptionsOf(scene, serve.localize.geometry.specs).geometry,
+                                 WorldOf(serve, file, scene));
+  if (scene.references.empty()) {
+    throw InputError(file, "references: is missing: photographs are matched with references");
+  }
+  if (!flags.matching.front_end.cache.empty() && serve.scenes.size() > 1) {
+    flags.matching.front_end.cache /= NameOf(scene, file);
+  }
+  return flags;
 }
 
 ServedScene Open(const ServeFlags& serve, const std::filesystem::path& file) {

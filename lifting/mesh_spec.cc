@@ -285,6 +285,24 @@ MeshSpec ParseMeshSpec(const std::string& spec, MeshUse use) {
   return mesh;
 }
 
+std::vector<std::string> InWorld(std::vector<std::string> specs,
+                                 const std::optional<WorldFrame>& world) {
+  if (!world) return specs;
+  for (std::string& spec : specs) {
+    if (!spec.starts_with(kPrefix) || !NamesTileset(spec)) continue;
+    SpecKeys keys(spec, std::string_view(spec).substr(kPrefix.size()));
+    if (keys.Has("crs") || !IsEarthCentered(keys.path())) continue;
+    std::string crs = world->text;
+    const size_t origin = std::min(crs.find('@'), crs.size());
+    if (crs.find(',') < origin) {
+      keys.Fail("expected crs=EPSG:N[@X/Y/Z], as the world's system is not given by such a name");
+    }
+    std::replace(crs.begin() + static_cast<std::ptrdiff_t>(origin), crs.end(), ',', '/');
+    spec += ",crs=" + crs;
+  }
+  return specs;
+}
+
 std::vector<std::filesystem::path> FilesOf(const MeshSpec& spec) {
   if (spec.is_height_field) return {spec.files};
   return ListMeshFiles(spec.files);

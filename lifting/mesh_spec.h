@@ -91,6 +91,11 @@ bool IsMeshSpec(std::string_view spec);
 // OptionError where the specification is not one of a mesh, or has an unknown key or value.
 MeshSpec ParseMeshSpec(const std::string& spec, MeshUse use);
 
+// Returns specifications of which those of earth-centered 3D Tiles that do not say crs= are led to
+// the world's system. Throws InputError where such a file cannot be read.
+std::vector<std::string> InWorld(std::vector<std::string> specs,
+                                 const std::optional<WorldFrame>& world);
+
 // Returns its files, and reads one of them, or all as one mesh, put where they belong.
 std::vector<std::filesystem::path> FilesOf(const MeshSpec& spec);
 TriangleMesh OpenMesh(const MeshSpec& spec, const std::filesystem::path& file, int threads);

@@ -81,8 +81,9 @@ class SceneConverter {
     const auto [entry, is_new] = texture_by_name_.try_emplace(name, -1);
     if (is_new) {
       const aiTexture* embedded = scene_.GetEmbeddedTexture(name.c_str());
-      entry->second =
-          embedded != nullptr ? AddEmbedded(*embedded, name) : AddTextureFile(path_, name, mesh_);
+      entry->second = embedded != nullptr
+                          ? AddEmbedded(*embedded, name)
+                          : AddTextureFile(path_, gltf_ ? DecodedUri(name) : name, mesh_);
     }
     return entry->second;
   }

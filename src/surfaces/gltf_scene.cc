@@ -113,6 +113,9 @@ class GltfDocument {
   // data, each of a length, a name and its bytes.
   std::string_view TakeJsonOfBinary() {
     constexpr size_t kHeader = 12;
+    uint32_t version = 0;
+    if (contents_.size() >= kHeader) std::memcpy(&version, contents_.data() + 4, sizeof(version));
+    if (version == 1) Fail("version", "expected glTF 2, found 1");
     std::string_view rest = contents_.substr(std::min(kHeader, contents_.size()));
     const std::string_view text = TakeChunk(rest, "JSON");
     if (!rest.empty()) data_ = TakeChunk(rest, std::string_view("BIN\0", 4));

@@ -399,6 +399,13 @@ class TilesetWalk {
 
 }  // namespace
 
+Vector3d CenterOfTileset(const path& root_file) {
+  const JsonDocument document(ReadFile(root_file), root_file);
+  const JsonPlace json = document.Root();
+  const JsonPlace root = json.Member("root");
+  return CenterOf(root, TransformOf(root));
+}
+
 Tileset ListTiles(const path& root_file, double max_error) {
   return TilesetWalk(root_file, max_error).Run(root_file);
 }

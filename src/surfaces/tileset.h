@@ -31,6 +31,9 @@ struct Tileset {
 // root's, or on a network.
 Tileset ListTiles(const std::filesystem::path& root_file, double max_error);
 
+// Returns that center alone.
+Eigen::Vector3d CenterOfTileset(const std::filesystem::path& root_file);
+
 // What a tile's file holds, in the frame of the root.
 struct TileMeshes {
   std::vector<RawMesh> meshes;

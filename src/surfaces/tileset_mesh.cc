@@ -130,6 +130,10 @@ void Shorten(std::vector<std::string>& warnings) {
 
 }  // namespace
 
+bool IsEarthCentered(const path& tileset) {
+  return PlaceOnEarth(CenterOfTileset(tileset)).has_value();
+}
+
 TriangleMesh ReadTileset(const path& file, const MeshReadOptions& options) {
   const Tileset tileset = ListTiles(file, options.tiles.max_error);
   TileFrame frame(file, tileset.center, options.tiles.world);

@@ -2,10 +2,13 @@
 
 #include "renderers/splat_blend.h"
 #include "support/matchers.h"
+#include "support/test_data.h"
 #include <Eigen/Geometry>
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/file.h"
 
 namespace raylift {
 namespace {
@@ -148,6 +151,37 @@ TEST(MeshPlacement, SplatsLookTheSameWhereverTheyArePlaced) {
     }
     EXPECT_GT(hits, 10);
   }
+}
+
+TEST(ParseMeshSpec, TilesetsHaveKeysOfTheirOwn) {
+  const MeshSpec tiles =
+      ParseMeshSpec("mesh:a/tileset.json,error=2.5,crs=EPSG:25832@1/2/3", MeshUse::kRender);
+  EXPECT_EQ(tiles.tiles.max_error, 2.5);
+  EXPECT_EQ(tiles.tiles.world.value().text, "EPSG:25832@1,2,3");
+  for (const std::string wrong : {"crs=EPSG:25832@1/2", "crs=EPSG:4326", "crs=", "error=a"}) {
+    EXPECT_NE(OptionErrorOf("mesh:tileset.json," + wrong, MeshUse::kLift), "no OptionError");
+  }
+  EXPECT_NE(OptionErrorOf("mesh:a.ply,error=1", MeshUse::kLift).find("unknown key \"error\""),
+            std::string::npos);
+}
+
+TEST(InWorld, TilesOnTheEarthAreLedToItUnlessTheySayWhere) {
+  const std::filesystem::path folder = TestFolder();
+  const auto tileset = [&folder](const char* name, const char* center) {
+    const std::filesystem::path file = folder / name;
+    WriteFile(file, fmt::format(R"({{"asset":{{"version":"1.0"}},"root":{{"boundingVolume":
+{{"sphere":[{},9]}},"geometricError":0}}}})",
+                                center));
+    return "mesh:" + file.string();
+  };
+  const std::string on_earth = tileset("earth.json", "3741100,652926,5107187");
+  const std::string local = tileset("local.json", "10,20,30");
+  const std::vector<std::string> specs = {on_earth, local, on_earth + ",crs=EPSG:4978",
+                                          "mesh:a.ply", "sfm"};
+  EXPECT_EQ(InWorld(specs, std::nullopt), specs);
+  std::vector<std::string> led = specs;
+  led[0] += ",crs=EPSG:25832@1/2/-3";
+  EXPECT_EQ(InWorld(specs, WorldFrame::Parse("EPSG:25832@1,2,-3")), led);
 }
 
 TEST(ParseMeshSpec, WhatIsNoMeshSaysWhatIsWanted) {

@@ -172,6 +172,21 @@ TEST(ReadGltf, TextureTransformsAreApplied) {
   EXPECT_LT((uv_down(2) - Eigen::Vector2f(1.25f, 0.0f)).norm(), 1e-6);
 }
 
+TEST(ReadGlb, APictureBesideItIsNamedByAUri) {
+  const auto path = TestFolder() / "mesh.glb";
+  std::string glb = MakeGlb();
+  const std::string inside = R"({"bufferView":3,"mimeType":"image/png"})";
+  std::string beside = R"({"uri":"a%20b.png")";
+  beside.resize(inside.size() - 1, ' ');
+  glb.replace(glb.find(inside), inside.size(), beside + '}');
+  WriteFile(path, glb);
+  WriteFile(path.parent_path() / "a b.png", TestPicturePng());
+  const TriangleMesh mesh = ReadMesh(path);
+  EXPECT_TRUE(mesh.warnings.empty());
+  ASSERT_EQ(mesh.textures.size(), 1u);
+  EXPECT_EQ(mesh.textures[0].data, TestPicture().data);
+}
+
 TEST(ReadGlb, TruncatedFilesNeverCrash) {
   EXPECT_EQ(ReadTruncated(TestFolder() / "cut.glb", MakeGlb(), 7), 0);
 }

@@ -344,6 +344,7 @@ TEST(ReadTileset, TilesThatAreDamagedAreNamed) {
   for (const auto& [contents, message] : std::vector<std::pair<std::string, std::string>>{
            {"nothing of the kind", "that begins with \"noth\""},
            {Tile("b3dm", std::string(16, '\0') + "glTX"), "expected binary glTF"},
+           {B3dm(Tile("glTF", std::string(8, '\0'))), "version: expected glTF 2, found 1"},
            {Tile("cmpt", std::string("\xff\xff\xff\xff", 4)), "damaged or truncated"},
            {Tile("i3dm", ""), "1 tiles of instances (i3dm) and 0 of points (pnts) are not read"},
            {B3dm(TileGlb(HillPatch({0, 0}), "", external)), "a member stands twice"}}) {

@@ -26,6 +26,10 @@ struct TileOptions {
   std::optional<WorldFrame> world = std::nullopt;
 };
 
+// Returns whether the center of a tileset's root is at the ground of the earth. Throws InputError
+// where the file is no tileset.
+bool IsEarthCentered(const std::filesystem::path& tileset);
+
 struct MeshReadOptions {
   int threads = 0;  // <= 0: all; never changes the mesh
   TileOptions tiles = {};
