@@ -15,6 +15,7 @@
 #include "apps/localize_flags.h"
 #include "apps/localize_inputs.h"
 #include "apps/localize_output.h"
+#include "apps/localize_remote.h"
 #include "apps/localize_walk.h"
 #include "apps/options.h"
 #include "base/hash.h"
@@ -336,7 +337,11 @@ Command AddLocalizeCommand(CLI::App& program) {
   CLI::App& command =
       AddCommand(program, "localize", "Poses of query photographs in a known scene");
   AddLocalizeOptions(command, *flags);
-  return {&command, [flags, &command] {
+  auto remote = std::make_shared<RemoteFlags>();
+  AddRemoteOptions(command, *remote);
+  return {&command, [flags, remote, &command] {
+            if (remote->server) return LocalizeRemotely(*remote, *flags);
+            if (!remote->token_file.empty()) throw OptionError("--token-file needs --server");
             flags->geometry.specs = InWorld(flags->geometry.specs, flags->world);
             flags->Check();
             LocalizeRun(*flags,

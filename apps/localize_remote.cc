@@ -1,0 +1,104 @@
+#include "apps/localize_remote.h"
+
+#include <algorithm>
+#include <string>
+#include <vector>
+
+#include "apps/interrupt.h"
+#include "apps/options.h"
+#include "base/progress.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+#include "raylift/base/parallel.h"
+#include "raylift/base/text.h"
+#include "raylift/io/query_list.h"
+#include "raylift/localization/result_files.h"
+
+namespace raylift {
+namespace {
+
+void Check(const LocalizeFlags& localize) {
+  if (localize.queries.empty()) throw OptionError("--server needs --queries");
+  if (localize.QueryImages().empty()) throw OptionError("--server needs --query-images");
+  const auto refuse = [](const char* option, bool given) {
+    if (given) throw OptionError(fmt::format("{} does not go with --server", option));
+  };
+  refuse("--priors", !localize.priors.empty());
+  refuse("--rigs", !localize.rigs.empty());
+  refuse("--leave-one-out", localize.leave_one_out);
+  refuse("--continuous", localize.continuous.enabled);
+  refuse("--odometry", localize.walk.enabled());
+  refuse("--report", !localize.report.empty());
+  refuse("--pictures", localize.pictures > 0);
+  refuse("--write-model", !localize.write_model.empty());
+  refuse("--write-problems", !localize.write_problems.empty());
+  refuse("--rerender", localize.mesh_only.rerender > 0);
+  refuse("--resume", localize.running.resume);
+  refuse("--shard", !localize.running.Resolve().IsAll());
+  const std::filesystem::path lines = localize.out / "queries.jsonl";
+  if (std::filesystem::exists(lines) && !localize.running.overwrite) {
+    throw OptionError("--out", localize.out.string(), "holds a former run; --overwrite removes it");
+  }
+}
+
+std::string ReadToken(const std::filesystem::path& file) {
+  if (file.empty()) return {};
+  std::string token(Trim(ReadFile(file)));
+  const bool is_word =
+      std::all_of(token.begin(), token.end(), [](unsigned char c) { return c > ' ' && c < 0x7F; });
+  if (token.empty() || !is_word) throw InputError(file, "expected a token alone");
+  return token;
+}
+
+}  // namespace
+
+void AddRemoteOptions(CLI::App& command, RemoteFlags& flags) {
+  const auto parse = [](std::string_view option, const std::string& text) {
+    try {
+      return std::optional(ServerUrl::Parse(text));
+    } catch (const InputError& error) {
+      throw OptionError(option, text, error.what());
+    }
+  };
+  const OptionGroup group(command, "Server");
+  group
+      .AddParsed("--server", flags.server, parse,
+                 "Have a server (raylift serve) localize the photographs of --queries:\n"
+                 "http://HOST:PORT, or http://HOST:PORT?scene=NAME where it has several.\n"
+                 "The scene, matching and estimation are the server's; --threads: requests\n"
+                 "at once")
+      .NotConfigurable();
+  group.Add("--token-file", flags.token_file, "File with the token that the server asks for")
+      .NotConfigurable();
+}
+
+void LocalizeRemotely(const RemoteFlags& flags, const LocalizeFlags& localize) {
+  Check(localize);
+  const Client client({.server = *flags.server, .token = ReadToken(flags.token_file)});
+  const std::filesystem::path images = localize.QueryImages();
+  const std::vector<Query> queries = ReadQueryList(localize.queries, images);
+  std::vector<std::string> lines(queries.size());
+  UntilSignal(
+      [&] {
+        Progress progress("queries", queries.size(), localize.run.Show());
+        ParallelFor(queries.size(), localize.run.threads, [&](size_t i) {
+          lines[i] = client.Localize(queries[i], ReadFile(images / queries[i].name));
+          progress.Advance();
+        });
+      },
+      &BeginsAnew);
+  std::filesystem::create_directories(localize.out);
+  WriteQueryDiagnostics(localize.out / "queries.jsonl", lines);
+  const std::vector<LocalizedQuery> localized =
+      ReadQueryDiagnostics(localize.out / "queries.jsonl");
+  WritePoses(localize.out / "poses.txt", localized);
+  if (localize.run.quiet) return;
+  fmt::print("{} of {} queries localized\n",
+             std::count_if(localized.begin(), localized.end(),
+                           [](const LocalizedQuery& query) { return query.localized(); }),
+             localized.size());
+}
+
+}  // namespace raylift

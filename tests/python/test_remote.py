@@ -1,0 +1,106 @@
+"""raylift localize --server: the files of the command line from a server's answers."""
+
+import http.server
+import shutil
+import subprocess
+import threading
+
+import pytest
+
+from served import DEMO, QUERIES, RAYLIFT, SCENE, Server
+
+
+def localize(out, *options):
+    return subprocess.run([str(word) for word in (RAYLIFT, "localize", "--scene", SCENE, "--out", out, *options)],
+                          capture_output=True, text=True)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    out = tmp_path_factory.mktemp("remote") / "run"
+    assert localize(out, "--quiet").returncode == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def server(run):
+    tokens = run.parent / "tokens.txt"
+    tokens.write_text("secret\n")
+    with Server("--cache", run / "cache", "--scene-calibration", run / "scene_calibration.json",
+                "--tokens", tokens, "--max-queue", "1") as server:
+        yield server
+
+
+def test_results_are_those_without_a_server(run, server, tmp_path):
+    token = tmp_path / "token"
+    token.write_text("secret\n")
+    # More at once than the server lets wait: some are sent again.
+    done = localize(tmp_path / "out", "--server", server.url + "?scene=demo", "--token-file", token, "--threads", "8")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == f"{len(QUERIES)} of {len(QUERIES)} queries localized\n"
+    for file in ("poses.txt", "queries.jsonl"):
+        assert (tmp_path / "out" / file).read_bytes() == (run / file).read_bytes()
+
+
+def test_photographs_of_unknown_cameras_are_those_without_a_server(run, server, tmp_path):
+    (tmp_path / "token").write_text("secret")
+    (tmp_path / "photos").mkdir()
+    for name in sorted(QUERIES)[:2]:
+        shutil.copy(DEMO / "images" / name, tmp_path / "photos")
+    options = ["--queries", tmp_path / "photos", "--query-images", tmp_path / "photos"]
+    local = localize(tmp_path / "local", *options, "--quiet", "--cache", run / "cache",
+                     "--scene-calibration", run / "scene_calibration.json")
+    remote = localize(tmp_path / "remote", *options, "--server", server.url, "--token-file", tmp_path / "token")
+    assert local.returncode == remote.returncode == 0, local.stderr + remote.stderr
+    assert (tmp_path / "remote/poses.txt").read_bytes() == (tmp_path / "local/poses.txt").read_bytes()
+
+
+class Busy(http.server.BaseHTTPRequestHandler):
+    """Is busy twice, and then knows no answer."""
+    asked = 0
+
+    def do_POST(self):
+        self.rfile.read(int(self.headers["Content-Length"]))
+        Busy.asked += 1
+        if Busy.asked == 2:
+            return self.connection.shutdown(2)
+        self.send_response(503 if Busy.asked == 1 else 400)
+        self.send_header("Retry-After", "1")
+        self.end_headers()
+        self.wfile.write(b"no JSON")
+
+    def log_message(self, *_):
+        pass
+
+
+def test_what_goes_wrong_is_one_line(server, tmp_path):
+    def told(*options):
+        done = localize(tmp_path / "out", *options)
+        assert done.returncode in (2, 3) and len(done.stderr.splitlines()) == 1, done
+        assert not (tmp_path / "out").exists()
+        return done.stderr
+
+    assert "token" in told("--server", server.url)
+    assert "Connection refused" in told("--server", "http://127.0.0.1:1")
+    assert "proxy" in told("--server", "https://example.org")
+    assert "--server = example.org: expected http://HOST:PORT" in told("--server", "example.org")
+    assert "--priors does not go with --server" in told("--server", server.url, "--priors", "exif", "--crs", "EPSG:32632")
+    assert "--token-file needs --server" in told("--token-file", "none")
+    assert "none.txt" in told("--server", server.url, "--token-file", tmp_path / "none.txt")
+    (tmp_path / "token").write_text("two words")
+    assert "expected a token alone" in told("--server", server.url, "--token-file", tmp_path / "token")
+
+
+def test_a_busy_server_is_asked_again(tmp_path):
+    with http.server.HTTPServer(("127.0.0.1", 0), Busy) as busy:
+        threading.Thread(target=busy.serve_forever, daemon=True).start()
+        done = localize(tmp_path / "out", "--server", f"http://127.0.0.1:{busy.server_port}", "--threads", "1")
+        busy.shutdown()
+    name = sorted(QUERIES)[0]
+    assert done.returncode == 3
+    assert done.stderr == f"raylift: {name}: the server refuses it: 400 Bad Request\n"
+
+
+def test_a_former_run_is_kept(run, server):
+    done = localize(run, "--server", server.url)
+    assert done.returncode == 2 and "--overwrite" in done.stderr
