@@ -168,7 +168,8 @@ void AddServerOptions(CLI::App& command, ServeFlags& flags) {
            "Time for a request's header, and of a connection without one");
   add_time("--body-deadline", limits.body_s, "Time for a request's body");
   limit.Add("--max-queue", limits.queue,
-            "Photographs that wait for a thread; further ones are refused (429)");
+            "Photographs that wait for a thread; further ones are refused (429), and\n"
+            "so are those that would wait for more than half of --deadline");
   limit.Add("--max-connections", limits.connections,
             "Connections at once; further ones are refused (503)");
   add_size("--max-body-mb", limits.body_bytes, kMegabyte, "Size of a request's body (413)");

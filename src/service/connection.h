@@ -61,7 +61,10 @@ struct GrowingBody {
 // What connections share. But for the queue's work, all is done on the one thread that runs `io`.
 struct Shared {
   explicit Shared(const ServerOptions& asked)
-      : options(asked), service(asked), queue(asked.threads, asked.limits.queue) {}
+      : options(asked),
+        service(asked),
+        // In the other half of the time it is to be done.
+        queue(asked.threads, asked.limits.queue, WorkQueue::Seconds(asked.limits.answer_s / 2)) {}
 
   std::vector<Gauge> Gauges() const {
     return {

@@ -8,7 +8,8 @@
 
 namespace raylift {
 
-WorkQueue::WorkQueue(int threads, size_t most_waiting) : most_waiting_(most_waiting) {
+WorkQueue::WorkQueue(int threads, size_t most_waiting, Seconds longest_wait)
+    : most_waiting_(most_waiting), longest_wait_(longest_wait) {
   const int count = ResolveThreads(threads);
   threads_.reserve(static_cast<size_t>(count));
   try {
@@ -33,7 +34,7 @@ void WorkQueue::End() {
 bool WorkQueue::TryAdd(Work work) {
   {
     const std::lock_guard lock(mutex_);
-    if (num_new_ >= most_waiting_) return false;
+    if (!HasRoom()) return false;
     waiting_.push_back({std::move(work), true});
     ++num_new_;
   }
@@ -49,7 +50,18 @@ void WorkQueue::AddAgain(Work work) {
   changed_.notify_one();
 }
 
-bool WorkQueue::IsFull() const { return NumWaiting() >= most_waiting_; }
+bool WorkQueue::HasRoom() const {
+  if (num_new_ >= most_waiting_) return false;
+  const size_t before_it = waiting_.size() + in_hand_;
+  if (before_it < threads_.size()) return true;
+  return usual_ * static_cast<double>(before_it) / static_cast<double>(threads_.size()) <=
+         longest_wait_;
+}
+
+bool WorkQueue::IsFull() const {
+  const std::lock_guard lock(mutex_);
+  return !HasRoom();
+}
 
 size_t WorkQueue::NumWaiting() const {
   const std::lock_guard lock(mutex_);
@@ -62,20 +74,25 @@ size_t WorkQueue::NumInHand() const {
 }
 
 void WorkQueue::Serve() {
+  constexpr double kWeightOfNewest = 0.1;
   std::unique_lock lock(mutex_);
   while (true) {
     changed_.wait(lock, [this] { return ends_ || !waiting_.empty(); });
     if (ends_) return;
+    Seconds taken{};
     {
       const Work work = std::move(waiting_.front().work);
       num_new_ -= waiting_.front().is_new ? 1 : 0;
       waiting_.pop_front();
       ++in_hand_;
       lock.unlock();
+      const auto begin = std::chrono::steady_clock::now();
       work();
+      taken = std::chrono::steady_clock::now() - begin;
     }  // what it holds is freed without the lock
     lock.lock();
     --in_hand_;
+    usual_ += (usual_ == Seconds{} ? 1 : kWeightOfNewest) * (taken - usual_);
   }
 }
 

@@ -1,7 +1,8 @@
-// Work that waits for a thread, no more of it than a bound.
+// Work that waits for a thread, no more of it and no longer than bounds.
 
 #pragma once
 
+#include <chrono>
 #include <condition_variable>
 #include <cstddef>
 #include <deque>
@@ -16,14 +17,17 @@ class WorkQueue {
  public:
   using Work = std::function<void()>;  // throws nothing
 
+  using Seconds = std::chrono::duration<double>;
+
   // Throws ResourceError where threads cannot be started.
-  WorkQueue(int threads, size_t most_waiting);
+  WorkQueue(int threads, size_t most_waiting, Seconds longest_wait);
   // Ends the work in hand and drops what waits.
   ~WorkQueue();
   WorkQueue(const WorkQueue&) = delete;
   WorkQueue& operator=(const WorkQueue&) = delete;
 
-  // Returns whether there was room. Thread safe, as all of these.
+  // Returns whether there was room: while all threads are busy there is none for what would wait
+  // too long, as work has taken lately. Thread safe, as all of these.
   bool TryAdd(Work work);
   // What was admitted before goes on behind all that waits, so that others have their turn, and
   // takes the room of none of them.
@@ -41,13 +45,16 @@ class WorkQueue {
   };
   void Serve();
   void End();
+  bool HasRoom() const;  // with the mutex
 
   const size_t most_waiting_;
+  const Seconds longest_wait_;
   mutable std::mutex mutex_;  // guards what follows
   std::condition_variable changed_;
   std::deque<Waiting> waiting_;
   size_t num_new_ = 0;  // of those that wait
   size_t in_hand_ = 0;
+  Seconds usual_ = {};  // time of a piece of work
   bool ends_ = false;
   std::vector<std::thread> threads_;
 };

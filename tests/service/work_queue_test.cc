@@ -1,14 +1,17 @@
 #include "service/work_queue.h"
 
 #include <future>
+#include <thread>
 
 #include <gtest/gtest.h>
 
 namespace raylift {
 namespace {
 
+constexpr WorkQueue::Seconds kLong(1e6);
+
 TEST(WorkQueue, TakesNoMoreThanMayWait) {
-  WorkQueue queue(1, 2);
+  WorkQueue queue(1, 2, kLong);
   std::promise<void> begun, go_on;
   auto may_go_on = go_on.get_future().share();
   ASSERT_TRUE(queue.TryAdd([&] {
@@ -30,7 +33,7 @@ TEST(WorkQueue, TakesNoMoreThanMayWait) {
 }
 
 TEST(WorkQueue, WhatGoesOnTakesNoRoom) {
-  WorkQueue queue(1, 1);
+  WorkQueue queue(1, 1, kLong);
   std::promise<void> begun, go_on, ended;
   auto may_go_on = go_on.get_future().share();
   ASSERT_TRUE(queue.TryAdd([&] {
@@ -44,6 +47,24 @@ TEST(WorkQueue, WhatGoesOnTakesNoRoom) {
   EXPECT_TRUE(queue.IsFull());
   go_on.set_value();
   ended.get_future().wait();
+}
+
+TEST(WorkQueue, TakesNothingThatWouldWaitTooLong) {
+  WorkQueue queue(1, 10, WorkQueue::Seconds(0));
+  const auto wait_until_idle = [&] {
+    while (queue.NumWaiting() + queue.NumInHand() > 0) std::this_thread::yield();
+  };
+  std::promise<void> go_on;
+  auto may_go_on = go_on.get_future().share();
+  ASSERT_TRUE(queue.TryAdd([] {}));  // tells how long work takes
+  wait_until_idle();
+  EXPECT_FALSE(queue.IsFull());
+  ASSERT_TRUE(queue.TryAdd([&] { may_go_on.wait(); }));
+  EXPECT_TRUE(queue.IsFull());
+  EXPECT_FALSE(queue.TryAdd([] {}));
+  go_on.set_value();
+  wait_until_idle();
+  EXPECT_TRUE(queue.TryAdd([] {}));  // its thread is free
 }
 
 }  // namespace

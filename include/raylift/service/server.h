@@ -43,7 +43,9 @@ using OpenScenes = std::function<std::vector<ServedScene>()>;
 // What clients may take. Bodies are counted as they are decoded.
 struct ServerLimits {
   int connections = 1000;  // at once; further ones are told to come later
-  size_t queue = 64;       // requests that wait for a thread; further ones get 429
+  // Requests that wait for a thread; further ones get 429, and so do those that would wait for more
+  // than half of answer_s.
+  size_t queue = 64;
   size_t body_bytes = size_t{32} << 20;
   size_t held_bytes = size_t{512} << 20;  // of all bodies at once; further ones get 503
   uint64_t pixels = 64'000'000;           // of a photograph
