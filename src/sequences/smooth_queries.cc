@@ -73,6 +73,10 @@ void ForgetInliers(PoseEstimate& estimate) {
 PoseEstimate EstimateOf(const SmoothedFrame& frame, const Query& photograph,
                         const SceneDistances& distances, const LocalizedQuery& single) {
   PoseEstimate estimate = single.estimate;
+  if (!estimate.cam_from_world) {  // files have no scores of it
+    estimate.score_2d3d = estimate.score_2d2d = {};
+    estimate.ransac_value = estimate.refined_value = 0;
+  }
   estimate.failure = FailureReason::kNone;
   estimate.position_observable = true;
   estimate.cam_from_world = frame.cam_from_world;

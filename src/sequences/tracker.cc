@@ -52,10 +52,7 @@ void WalkFilter::Forget() {
 }
 
 Tracker::Tracker(Localizer localizer, const SmoothingOptions& options)
-    : localizer_(std::move(localizer)),
-      options_(options),
-      distances_(localizer_.scene()),
-      filter_(options.scale) {}
+    : localizer_(std::move(localizer)), options_(options), distances_(localizer_.scene()) {}
 
 TrackedPose Tracker::Add(const Query& query, const Image& photograph,
                          const Rigid3& cam_from_odometry, double time_s) {
@@ -64,15 +61,22 @@ TrackedPose Tracker::Add(const Query& query, const Image& photograph,
 
 TrackedPose Tracker::Add(const Query& query, const LocalizedQuery& alone,
                          const Rigid3& cam_from_odometry, double time_s) {
-  if (last_time_s_ && !(time_s > *last_time_s_)) {
+  return Track({query, alone, cam_from_odometry, time_s}, distances_, options_, state_);
+}
+
+TrackedPose Track(const WalkedPhotograph& photograph, const SceneDistances& distances,
+                  const SmoothingOptions& options, WalkState& state) {
+  const auto& [query, alone, cam_from_odometry, time_s] = photograph;
+  if (state.last_time_s && !(time_s > *state.last_time_s)) {
     throw InputError(fmt::format("{}: expected a time after {} s, found {} s", query.name,
-                                 FormatDouble(*last_time_s_), FormatDouble(time_s)));
+                                 FormatDouble(*state.last_time_s), FormatDouble(time_s)));
   }
-  last_time_s_ = time_s;
   TrackedPose tracked{{.localized = alone, .time_s = time_s}};
-  const SmoothedWalk walk = filter_.Add({cam_from_odometry, SinglePoseOf(alone)});
+  WalkFilter filter(options.scale, state.frames);
+  const SmoothedWalk walk = filter.Add({cam_from_odometry, SinglePoseOf(alone)});
+  state = {filter.frames(), time_s};
   if (!walk.frames.empty()) {
-    TakeFromWalk(walk.frames.back(), query, distances_, options_.min_confidence, tracked.query);
+    TakeFromWalk(walk.frames.back(), query, distances, options.min_confidence, tracked.query);
   }
   tracked.scale = walk.scale;
   if (!tracked.query.localized.localized() || !walk.scale_is_observable) return tracked;

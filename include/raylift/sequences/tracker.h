@@ -5,6 +5,7 @@
 
 #include <cstddef>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "raylift/localization/localizer.h"
@@ -18,11 +19,15 @@ namespace raylift {
 // before them that have a pose of their own, so that it knows the way from there.
 class WalkFilter {
  public:
-  explicit WalkFilter(OdometryScale scale) : scale_(scale) {}
+  // `frames` are those of a filter of the walk so far.
+  explicit WalkFilter(OdometryScale scale, std::vector<WalkEvidence> frames = {})
+      : scale_(scale), frames_(std::move(frames)) {}
 
   // Returns the walk of the frames that are kept, the newest last; without frames where
   // SmoothWalk() has none.
   SmoothedWalk Add(const WalkEvidence& frame);
+
+  const std::vector<WalkEvidence>& frames() const { return frames_; }
 
  private:
   void Forget();
@@ -40,13 +45,32 @@ struct TrackedPose {
   double scale = 1;
 };
 
+// What is kept of a walk from one photograph to the next: with it another process goes on.
+struct WalkState {
+  std::vector<WalkEvidence> frames = {};  // WalkFilter's
+  std::optional<double> last_time_s = std::nullopt;
+};
+
+// A photograph of a walk and its result by itself.
+struct WalkedPhotograph {
+  const Query& query;
+  const LocalizedQuery& alone;
+  Rigid3 cam_from_odometry;
+  double time_s = 0;
+};
+
+// Returns the pose of the next photograph, and takes it into the state. The times must grow;
+// InputError where one does not.
+TrackedPose Track(const WalkedPhotograph& photograph, const SceneDistances& distances,
+                  const SmoothingOptions& options, WalkState& state);
+
 // Localizes photographs of a walk one after the other.
 class Tracker {
  public:
   // `localizer` as for single photographs.
   Tracker(Localizer localizer, const SmoothingOptions& options);
 
-  // The times must grow; InputError where one does not.
+  // As Track().
   TrackedPose Add(const Query& query, const Image& photograph, const Rigid3& cam_from_odometry,
                   double time_s);
   // The same of a photograph that was localized by itself.
@@ -57,8 +81,7 @@ class Tracker {
   Localizer localizer_;
   SmoothingOptions options_;
   SceneDistances distances_;
-  WalkFilter filter_;
-  std::optional<double> last_time_s_;
+  WalkState state_;
 };
 
 }  // namespace raylift
