@@ -216,7 +216,8 @@ SurfelOptions TakeSurfelOptions(SpecKeys& keys) {
 }
 
 bool NamesTileset(std::string_view spec) {
-  return LowerExtension(spec.substr(0, spec.find(','))) == ".json";
+  const std::filesystem::path file = spec.substr(0, spec.find(','));
+  return LowerExtension(file) == ".json" && LowerExtension(file.stem()) != ".city";
 }
 
 // Commas separate keys, so that slashes are those of the origin here.
@@ -260,6 +261,10 @@ MeshPlacement ReadNerfstudioPlacement(const std::filesystem::path& path) {
   return Inverse(MeshPlacement{.scale = scale.Number()} * *moved);
 }
 
+MeshReadOptions ReadOptionsOf(const MeshSpec& spec, int threads) {
+  return {.threads = threads, .tiles = spec.tiles, .level_of_detail = spec.level_of_detail};
+}
+
 }  // namespace
 
 bool IsMeshSpec(std::string_view spec) {
@@ -273,11 +278,15 @@ MeshSpec ParseMeshSpec(const std::string& spec, MeshUse use) {
   const std::string known = (mesh.is_height_field ? "ortho=FILE, "
                              : is_tileset         ? "error=METERS, crs=EPSG:N[@X/Y/Z], "
                                                   : "") +
-                            KeysOf(use);
+                            KeysOf(use) + (mesh.is_height_field ? "" : ", lod");
   SpecKeys keys =
       OpenKeys(spec, mesh.is_height_field ? kHeightFieldPrefix : kPrefix, FormOf(use), use, known);
   TakeSurfaceKeys(keys, mesh);
-  if (mesh.is_height_field) mesh.orthophoto = keys.Take("ortho");
+  if (mesh.is_height_field) {
+    mesh.orthophoto = keys.Take("ortho");
+  } else {
+    mesh.level_of_detail = keys.TakeNumber("lod", 0);
+  }
   if (is_tileset) mesh.tiles = TakeTileOptions(keys);
   const auto back_faces = keys.TakeNamed<BackFaces>("back_faces");
   mesh.options.limits.back_faces = back_faces.value_or(mesh.options.limits.back_faces);
@@ -310,14 +319,14 @@ std::vector<std::filesystem::path> FilesOf(const MeshSpec& spec) {
 
 TriangleMesh OpenMesh(const MeshSpec& spec, const std::filesystem::path& file, int threads) {
   return Placed(spec.is_height_field ? ReadHeightField(file, spec.orthophoto)
-                                     : ReadMesh(file, {.threads = threads, .tiles = spec.tiles}),
+                                     : ReadMesh(file, ReadOptionsOf(spec, threads)),
                 spec.placement);
 }
 
 TriangleMesh OpenMesh(const MeshSpec& spec, int threads) {
   const std::vector<std::filesystem::path> files = FilesOf(spec);
   if (files.size() == 1) return OpenMesh(spec, files.front(), threads);
-  return Placed(ReadMeshes(files, {.threads = threads, .tiles = spec.tiles}), spec.placement);
+  return Placed(ReadMeshes(files, ReadOptionsOf(spec, threads)), spec.placement);
 }
 
 CloudSpec ParseCloudSpec(const std::string& spec, MeshUse use) {

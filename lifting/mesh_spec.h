@@ -71,6 +71,7 @@ struct MeshSpec {
   std::string files;  // as ListMeshFiles takes them; the file of a height field
   bool is_height_field = false;
   std::optional<std::filesystem::path> orthophoto = std::nullopt;  // of a height field
+  std::optional<double> level_of_detail = std::nullopt;            // of city models
   // How the acceleration structure is built, where the specification says it. What is not said is
   // low for lifting, which casts few rays, and medium for rendering.
   std::optional<RayCasterOptions::BuildQuality> build = std::nullopt;

@@ -80,6 +80,13 @@ Eigen::Matrix3d ZUpFromYUp();
 // tileset's or the tile's file where one is missing, damaged, or not below the root's folder.
 TriangleMesh ReadTileset(const std::filesystem::path& path, const MeshReadOptions& options);
 
+// Read city models (surfaces/city_model.h): CityJSON 1.0 to 2.0 and CityGML 1 and 2, of each object
+// the level of detail that ChooseLevel() says, without textures; coordinates stay double.
+RawMesh ReadCityJson(const std::filesystem::path& path, std::string_view contents,
+                     std::optional<double> level);
+RawMesh ReadCityGml(const std::filesystem::path& path, std::string_view contents,
+                    std::optional<double> level);
+
 // Read point clouds, which may hold points that are not finite, and no point at all.
 PointCloud ReadPlyCloud(const std::filesystem::path& path, std::string_view contents);
 PointCloud ReadLasCloud(const std::filesystem::path& path, std::string_view contents);

@@ -26,18 +26,35 @@ TriangleMesh ReadPlyMesh(const std::filesystem::path& path, int threads) {
   return FinishMesh(path, ReadPly(path, header, file.contents()));
 }
 
+// By its name, or as it says so itself.
+bool IsCityJson(const std::filesystem::path& path, const std::string& extension) {
+  if (extension == ".cityjson") return true;
+  if (extension != ".json") return false;
+  if (LowerExtension(path.stem()) == ".city") return true;
+  constexpr size_t kLookedAt = 4096;
+  return MappedFile(path).contents().substr(0, kLookedAt).find("\"CityJSON\"") !=
+         std::string_view::npos;
+}
+
 TriangleMesh ReadByExtension(const std::filesystem::path& path, const MeshReadOptions& options) {
   const std::string extension = LowerExtension(path);
-  if (extension == ".json") return ReadTileset(path, options);
   if (extension == ".ply") return ReadPlyMesh(path, options.threads);
+  const auto level = options.level_of_detail;
+  if (IsCityJson(path, extension)) {
+    return FinishMesh(path, ReadCityJson(path, MappedFile(path).contents(), level));
+  }
+  if (extension == ".json") return ReadTileset(path, options);
+  if (extension == ".gml" || extension == ".citygml" || extension == ".xml") {
+    return FinishMesh(path, ReadCityGml(path, MappedFile(path).contents(), level));
+  }
   if (extension == ".obj") return FinishMesh(path, ReadObj(path));
   return FinishMesh(path, ReadWithAssimp(path));
 }
 
 using std::filesystem::path;
 
-constexpr std::array<std::string_view, 9> kExtensions = {".ply", ".obj", ".glb", ".gltf", ".stl",
-                                                         ".dae", ".fbx", ".off", ".3ds"};
+constexpr auto kExtensions = std::to_array<std::string_view>(
+    {".ply", ".obj", ".glb", ".gltf", ".stl", ".dae", ".fbx", ".off", ".3ds", ".gml", ".cityjson"});
 
 template <typename T>
 void AppendAttribute(const std::vector<T>& values, size_t count, const T& missing,
@@ -137,8 +154,9 @@ std::vector<path> ListMeshFiles(const std::string& files) {
 }
 
 bool IsMeshFileName(const path& file) {
-  return std::find(kExtensions.begin(), kExtensions.end(), LowerExtension(file)) !=
-         kExtensions.end();
+  const bool is_city = LowerExtension(file) == ".json" && LowerExtension(file.stem()) == ".city";
+  return is_city || std::find(kExtensions.begin(), kExtensions.end(), LowerExtension(file)) !=
+                        kExtensions.end();
 }
 
 TriangleMesh ReadMeshes(std::span<const path> files, const MeshReadOptions& options) {

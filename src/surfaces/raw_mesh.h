@@ -50,10 +50,10 @@ struct RawMesh {
 };
 
 // Adds the file's face number `face`: triangles as they are, larger polygons cut. `corner_uvs` is
-// empty or as long as `corners`; the material is left to the caller. Returns the number of
-// triangles added.
+// empty or as long as `corners`; `hole_begins` as TriangulatePolygon has it; the material is left
+// to the caller. Returns the number of triangles added.
 size_t AddFace(size_t face, std::span<const uint32_t> corners, std::span<const uint32_t> corner_uvs,
-               RawMesh& mesh);
+               RawMesh& mesh, std::span<const uint32_t> hole_begins = {});
 
 // Embree takes no coordinate beyond 1.844e18; nothing that was measured comes near.
 inline constexpr double kMaxCoordinate = 1e18;
@@ -94,9 +94,15 @@ bool IsBelow(const std::filesystem::path& mesh_path, std::string_view what,
 int32_t AddTextureFile(const std::filesystem::path& mesh_path, const std::string& name,
                        RawMesh& mesh);
 
+// Cutting ears takes cubic time at worst; a polygon beyond this is no surface that was modeled.
+inline constexpr size_t kMaxPolygonCorners = 1000;
+
 // The triangles of a (nearly) plane, simple polygon as indices into `corners`, by cutting ears;
-// concave polygons are filled correctly. A polygon that is not simple, or has a corner that is not
-// finite, comes back as a fan. Three corners or more; n - 2 triangles, wound as the polygon.
-std::vector<std::array<uint32_t, 3>> TriangulatePolygon(std::span<const Eigen::Vector3d> corners);
+// concave polygons are filled correctly. `hole_begins` are the first corners of its holes, wound
+// either way, behind the outer ring. A polygon that is not simple, has a corner that is not finite
+// or too many of them comes back as a fan of the outer ring. Three corners or more in the outer
+// ring; n - 2 triangles and two more per hole, wound as the outer ring.
+std::vector<std::array<uint32_t, 3>> TriangulatePolygon(std::span<const Eigen::Vector3d> corners,
+                                                        std::span<const uint32_t> hole_begins = {});
 
 }  // namespace raylift

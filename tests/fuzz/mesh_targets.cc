@@ -189,6 +189,32 @@ std::vector<std::string> TilesetSeeds() {
   return {JoinFiles(ScratchFolder() / "tiles_seed", kTilesetFiles)};
 }
 
+std::vector<std::string> CityJsonSeeds() {
+  return {R"({"type":"CityJSON","version":"2.0","transform":{"scale":[0.01,0.01,0.01],)"
+          R"("translate":[500000,5900000,0]},"metadata":{"referenceSystem":"EPSG:25832"},)"
+          R"("CityObjects":{"a":{"type":"Building","children":["b"],"geometry":[{"type":"Solid",)"
+          R"("lod":"2.2","boundaries":[[[[0,1,2,3],[4,5,6]]]]}]},"b":{"type":"Plant","geometry":[)"
+          R"({"type":"GeometryInstance","template":0,"boundaries":[2],"transformationMatrix":)"
+          R"([2,0,0,0,0,2,0,0,0,0,2,5,0,0,0,1]}]}},"geometry-templates":{"templates":[{"type":)"
+          R"("MultiSurface","lod":"2","boundaries":[[[0,1,2]]]}],"vertices-templates":[[0,0,0],)"
+          R"([1,0,0],[0,1,0]]},"vertices":[[0,0,0],[900,0,0],[900,900,0],[0,900,0],[100,100,0],)"
+          R"([100,200,0],[200,100,0]]})"};
+}
+
+std::vector<std::string> CityGmlSeeds() {
+  return {
+      "<CityModel><boundedBy><Envelope srsName=\"EPSG:25832\"/></boundedBy><cityObjectMember>"
+      "<Building gml:id=\"b\"><lod2Solid><Solid><exterior><CompositeSurface><surfaceMember "
+      "xlink:href=\"#p\"/></CompositeSurface></exterior></Solid></lod2Solid><boundedBy><Roof>"
+      "<lod2MultiSurface><MultiSurface><surfaceMember><Polygon gml:id=\"p\"><exterior><LinearRing>"
+      "<posList>500000 5900000 1 500009 5900000 1 500009 5900009 1 500000 5900009 1 500000 5900000 "
+      "1</posList></LinearRing></exterior><interior><LinearRing><pos>500001 5900001 1</pos><pos>"
+      "500001 5900002 1</pos><pos>500002 5900001 1</pos></LinearRing></interior></Polygon>"
+      "</surfaceMember></MultiSurface></lod2MultiSurface></Roof></"
+      "boundedBy><consistsOfBuildingPart>"
+      "<BuildingPart/></consistsOfBuildingPart></Building></cityObjectMember></CityModel>"};
+}
+
 // As the program does it, but that the process that tries the file is a copy of this one.
 bool SurvivesInChild(const std::filesystem::path& file) {
   const pid_t child = fork();
@@ -242,6 +268,14 @@ std::vector<FuzzTarget> MeshFuzzTargets() {
        "=FILE= b3dm cmpt i3dm subt glTF \"children\" \"contents\" \"uri\" \"transform\" \"refine\" "
        "\"region\" \"box\" \"constant\" \"bitstream\" \"bufferView\" \"implicitTiling\" OCTREE "
        "{level} {x} {y} inner.json ../ http:// 4294967295 -1 1e308"},
+      {"mesh_city_json", [](std::string_view bytes) { ReadAs("mesh.city.json", bytes); },
+       CityJsonSeeds,
+       "\"lod\" \"children\" \"template\" \"boundaries\" \"MultiSolid\" \"CompositeSurface\" "
+       "\"GeometryInstance\" \"referenceSystem\" -1 4294967295 1e308 [[ ]]"},
+      {"mesh_city_gml", [](std::string_view bytes) { ReadAs("mesh.gml", bytes); }, CityGmlSeeds,
+       "<OrientableSurface orientation=\"-\"> <tin> <Triangle> <coordinates> lod1Solid "
+       "lod3Geometry "
+       "xlink:href=\"#b\" srsDimension=\"2\" <interiorRoom> <!DOCTYPE <![CDATA[ nan 1e308"},
       {"mesh_dsm", ReadHeightFieldFolder, HeightFieldSeeds, "=FILE= II* MM II+ -9999 nan 1e308"},
   };
 }

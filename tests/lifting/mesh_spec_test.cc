@@ -53,7 +53,8 @@ TEST(ParseMeshSpec, RefusesToRenderWithKeysOfLifting) {
         OptionErrorOf("mesh:a.ply," + key, MeshUse::kRender),
         "geometry = mesh:a.ply," + key + ": the key " + key.substr(0, key.find('=')) +
             " says which points are lifted, but here all there is is rendered; there is "
-            "scale, axes (as in x/-z/y), shift=X/Y/Z, matrix (3 x 4 or 4 x 4), build=low|medium");
+            "scale, axes (as in x/-z/y), shift=X/Y/Z, matrix (3 x 4 or 4 x 4), build=low|medium, "
+            "lod");
   }
 }
 

@@ -1,5 +1,5 @@
-// Meshes from files: PLY, OBJ, 3D Tiles (all read in double), and whatever else assimp reads
-// (GLB/glTF, STL, DAE, FBX, ...; in float).
+// Meshes from files: PLY, OBJ, 3D Tiles, CityJSON, CityGML (all read in double), and whatever else
+// assimp reads (GLB/glTF, STL, DAE, FBX, ...; in float).
 
 #pragma once
 
@@ -33,6 +33,9 @@ bool IsEarthCentered(const std::filesystem::path& tileset);
 struct MeshReadOptions {
   int threads = 0;  // <= 0: all; never changes the mesh
   TileOptions tiles = {};
+  // Of city models: the level of detail, "2" meaning the finest that begins so; the finest up to 3
+  // where it is not said.
+  std::optional<double> level_of_detail = std::nullopt;
 };
 
 // Reads a mesh. Faces with more than three corners are triangulated; triangles with a non-finite

@@ -1,0 +1,268 @@
+// CityJSON 1.0 to 2.0 (cityjson.org): surfaces are lists of indices into vertices, which are whole
+// numbers to be scaled and moved.
+
+#include <cmath>
+#include <map>
+#include <string>
+#include <utility>
+
+#include "base/read_limits.h"
+#include "surfaces/city_model.h"
+#include "surfaces/file_readers.h"
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "raylift/base/error.h"
+#include "raylift/base/text.h"
+
+namespace raylift {
+namespace {
+
+using Eigen::Vector3d;
+using nlohmann::json;
+
+// Lists around the surfaces of a geometry: 1 of surfaces, 2 of shells, 3 of solids.
+const std::map<std::string, int, std::less<>> kListsOfType = {{"MultiSurface", 1},
+                                                              {"CompositeSurface", 1},
+                                                              {"Solid", 2},
+                                                              {"MultiSolid", 3},
+                                                              {"CompositeSolid", 3}};
+
+class CityJsonReader {
+ public:
+  CityJsonReader(const std::filesystem::path& path, std::string_view contents,
+                 std::optional<double> level)
+      : path_(path), level_(level), mesh_(path, contents.size()) {
+    const auto check = [&](int depth, json::parse_event_t /*event*/, json& /*value*/) {
+      if (depth > kMaxJsonNesting) Fail("JSON", "lists and objects are nested too deep");
+      return true;
+    };
+    root_ = json::parse(contents, check, /*allow_exceptions=*/false);
+    if (!root_.is_object()) {
+      Fail("JSON",
+           "expected one object, the file is damaged, truncated or CityJSONSeq, which `cjseq "
+           "collect` makes CityJSON of");
+    }
+  }
+
+  RawMesh Read() && {
+    if (Text("type", root_, "type") != "CityJSON") Fail("type", "expected \"CityJSON\"");
+    const std::string version = Text("version", root_, "version");
+    if (!version.starts_with("1.") && !version.starts_with("2.")) {
+      Fail("version", "expected 1.0, 1.1 or 2.0");
+    }
+    ReadVertices();
+    const json& objects = Member("CityObjects", root_, "CityObjects");
+    if (!objects.is_object()) Fail("CityObjects", "expected an object");
+    std::map<std::string, Chosen> chosen;
+    for (const auto& [id, object] : objects.items()) chosen.emplace(id, Choose(id, object));
+    for (const auto& [id, choice] : chosen) {
+      if (choice.geometry != nullptr && !HasFinerPart(objects[id], choice, chosen)) {
+        AddGeometry(choice.place, *choice.geometry);
+      }
+    }
+    CheckSystem();
+    return std::move(mesh_).Finish();
+  }
+
+ private:
+  // The geometry that is taken of an object, if it has any.
+  struct Chosen {
+    std::string place;
+    const json* geometry = nullptr;
+    double level = 0;
+  };
+
+  [[noreturn]] void Fail(std::string_view place, std::string_view message) const {
+    throw InputError(path_, place, message);
+  }
+
+  const json& Member(const std::string& place, const json& object, const char* name) const {
+    const auto found = object.find(name);
+    if (!object.is_object() || found == object.end()) Fail(place, "is missing");
+    return *found;
+  }
+
+  std::string Text(const std::string& place, const json& object, const char* name) const {
+    const json& value = Member(place, object, name);
+    if (!value.is_string()) Fail(place, "expected a text");
+    return value.get<std::string>();
+  }
+
+  const json& List(const std::string& place, const json& value) const {
+    if (!value.is_array()) Fail(place, "expected a list");
+    return value;
+  }
+
+  Vector3d Point(const std::string& place, const json& value) const {
+    const bool good = value.is_array() && value.size() == 3 && value[0].is_number() &&
+                      value[1].is_number() && value[2].is_number();
+    if (!good) Fail(place, "expected three numbers");
+    return {value[0].get<double>(), value[1].get<double>(), value[2].get<double>()};
+  }
+
+  std::vector<Vector3d> Points(const std::string& place, const json& list) const {
+    std::vector<Vector3d> points;
+    points.reserve(List(place, list).size());
+    for (const json& point : list) {
+      points.push_back(Point(fmt::format("{}[{}]", place, points.size()), point));
+    }
+    return points;
+  }
+
+  void ReadVertices() {
+    vertices_ = Points("vertices", Member("vertices", root_, "vertices"));
+    const auto transform = root_.find("transform");
+    if (transform == root_.end()) return;  // in 1.0 it may be missing
+    const Vector3d scale = Point("transform.scale", Member("transform.scale", *transform, "scale"));
+    const Vector3d translate =
+        Point("transform.translate", Member("transform.translate", *transform, "translate"));
+    for (Vector3d& vertex : vertices_) vertex = vertex.cwiseProduct(scale) + translate;
+  }
+
+  // Level 2.1 is "2.1", in 1.0 also a number.
+  double LevelOf(const std::string& place, const json& geometry) const {
+    const auto found = geometry.find("lod");
+    if (found == geometry.end()) return 0;
+    const auto level = found->is_number()   ? std::optional(found->get<double>())
+                       : found->is_string() ? ParseDouble(found->get<std::string>())
+                                            : std::nullopt;
+    if (!level || !std::isfinite(*level)) Fail(place + ".lod", "expected a level as \"2.2\"");
+    return *level;
+  }
+
+  static std::string TypeOf(const json& geometry) {
+    const auto found = geometry.find("type");
+    const bool is_text = geometry.is_object() && found != geometry.end() && found->is_string();
+    return is_text ? found->get<std::string>() : "";
+  }
+
+  const json* TemplateOf(const std::string& place, const json& geometry) const {
+    if (TypeOf(geometry) != "GeometryInstance") return nullptr;
+    const json& index = Member(place + ".template", geometry, "template");
+    const json& all = Member("geometry-templates", root_, "geometry-templates");
+    const json& list = Member("geometry-templates.templates", all, "templates");
+    if (!index.is_number_unsigned() || !list.is_array() || index.get<uint64_t>() >= list.size()) {
+      Fail(place + ".template", "expected an index of one of the templates");
+    }
+    return &list[index.get<size_t>()];
+  }
+
+  Chosen Choose(const std::string& id, const json& object) const {
+    const std::string place = fmt::format("CityObjects.{}", id);
+    if (!object.is_object()) Fail(place, "expected an object");
+    const auto geometries = object.find("geometry");
+    if (geometries == object.end()) return {};
+    List(place + ".geometry", *geometries);
+    std::vector<Chosen> candidates;
+    std::vector<double> levels;
+    for (size_t i = 0; i < geometries->size(); ++i) {
+      const json& geometry = (*geometries)[i];
+      const std::string at = fmt::format("{}.geometry[{}]", place, i);
+      if (!geometry.is_object()) Fail(at, "expected an object");
+      const json* const model = TemplateOf(at, geometry);
+      const json& shape = model == nullptr ? geometry : *model;
+      if (!shape.is_object() || !kListsOfType.contains(TypeOf(shape))) continue;
+      levels.push_back(LevelOf(at, shape));
+      candidates.push_back({at, &geometry, levels.back()});
+    }
+    const auto chosen = ChooseLevel(levels, level_);
+    return chosen ? candidates[*chosen] : Chosen{};
+  }
+
+  // A building's own geometry gives way to that of its parts.
+  static bool HasFinerPart(const json& object, const Chosen& own,
+                           const std::map<std::string, Chosen>& chosen) {
+    const auto children = object.find("children");
+    if (children == object.end() || !children->is_array()) return false;
+    return std::any_of(children->begin(), children->end(), [&](const json& child) {
+      const auto found = child.is_string() ? chosen.find(child.get<std::string>()) : chosen.end();
+      return found != chosen.end() && found->second.geometry != nullptr &&
+             found->second.level > own.level;
+    });
+  }
+
+  void AddGeometry(const std::string& place, const json& geometry) {
+    const json* const model = TemplateOf(place, geometry);
+    const json& shape = model == nullptr ? geometry : *model;
+    const json& boundaries = Member(place + ".boundaries", shape, "boundaries");
+    const int lists = kListsOfType.at(TypeOf(shape));
+    if (model == nullptr) {
+      AddSurfaces(place + ".boundaries", boundaries, lists, vertices_);
+    } else {
+      AddSurfaces(place + ".boundaries", boundaries, lists, PlacedTemplate(place, geometry));
+    }
+  }
+
+  // The vertices of all templates, where an instance of one has them.
+  std::vector<Vector3d> PlacedTemplate(const std::string& place, const json& instance) {
+    const json& all = Member("geometry-templates", root_, "geometry-templates");
+    std::vector<Vector3d> points =
+        Points("vertices-templates", Member("vertices-templates", all, "vertices-templates"));
+    const json& matrix = Member(place + ".transformationMatrix", instance, "transformationMatrix");
+    const bool good = matrix.is_array() && matrix.size() == 16 &&
+                      std::all_of(matrix.begin(), matrix.end(),
+                                  [](const json& value) { return value.is_number(); });
+    if (!good) Fail(place + ".transformationMatrix", "expected 16 numbers");
+    Eigen::Matrix<double, 3, 4> rows;
+    for (int i = 0; i < 12; ++i) rows(i / 4, i % 4) = matrix[static_cast<size_t>(i)].get<double>();
+    const json& at = Member(place + ".boundaries", instance, "boundaries");
+    if (List(place + ".boundaries", at).size() != 1) {
+      Fail(place + ".boundaries", "expected one index of a vertex");
+    }
+    const Vector3d origin = VertexAt(place + ".boundaries", at[0], vertices_);
+    for (Vector3d& p : points) p = rows * p.homogeneous() + origin;
+    return points;
+  }
+
+  const Vector3d& VertexAt(const std::string& place, const json& index,
+                           const std::vector<Vector3d>& vertices) const {
+    if (!index.is_number_unsigned() || index.get<uint64_t>() >= vertices.size()) {
+      Fail(place, fmt::format("expected an index of one of {} vertices", vertices.size()));
+    }
+    return vertices[index.get<size_t>()];
+  }
+
+  void AddSurfaces(const std::string& place, const json& boundaries, int lists,
+                   const std::vector<Vector3d>& vertices) {
+    List(place, boundaries);
+    for (size_t i = 0; i < boundaries.size(); ++i) {
+      const std::string at = fmt::format("{}[{}]", place, i);
+      if (lists > 1) {
+        AddSurfaces(at, boundaries[i], lists - 1, vertices);
+        continue;
+      }
+      std::vector<std::vector<Vector3d>> rings;
+      for (const json& ring : List(at, boundaries[i])) {
+        rings.emplace_back();
+        for (const json& index : List(at, ring)) {
+          rings.back().push_back(VertexAt(at, index, vertices));
+        }
+      }
+      mesh_.AddPolygon(at, std::move(rings));
+    }
+  }
+
+  void CheckSystem() {
+    const auto metadata = root_.find("metadata");
+    if (metadata == root_.end() || !metadata->is_object()) return;
+    const auto system = metadata->find("referenceSystem");
+    if (system == metadata->end() || !system->is_string()) return;
+    mesh_.CheckPlace("metadata.referenceSystem", system->get<std::string>());
+  }
+
+  const std::filesystem::path& path_;
+  std::optional<double> level_;
+  CityMesh mesh_;
+  json root_;
+  std::vector<Vector3d> vertices_;
+};
+
+}  // namespace
+
+RawMesh ReadCityJson(const std::filesystem::path& path, std::string_view contents,
+                     std::optional<double> level) {
+  return CityJsonReader(path, contents, level).Read();
+}
+
+}  // namespace raylift

@@ -1,0 +1,49 @@
+// City models: what CityJSON and CityGML have in common. Objects are of some levels of detail (LoD),
+// of which one is taken; their surfaces are polygons with holes; coordinates are of a system that
+// the file names.
+
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "surfaces/raw_mesh.h"
+
+namespace raylift {
+
+// Returns which of an object's levels of detail is taken: the finest up to `wanted` ("2" holds 2.2)
+// and up to 3, or else the coarsest; nullopt where there is none.
+std::optional<size_t> ChooseLevel(std::span<const double> levels, std::optional<double> wanted);
+
+class CityMesh {
+ public:
+  // `file_bytes` bounds what its references to itself may make of it.
+  CityMesh(const std::filesystem::path& path, size_t file_bytes);
+
+  // Rings of three corners or more, the outer one first; `name` says where it stands. Throws
+  // InputError where a ring is shorter, or the file refers to its surfaces too often.
+  void AddPolygon(const std::string& name, std::vector<std::vector<Eigen::Vector3d>> rings);
+
+  void Warn(const std::string& message);
+
+  // Looks at where the surfaces that were added are. `system` is what the file says: a URN, a URL or
+  // a short name of an EPSG code, of a compound system, or as German surveys write it. Throws
+  // InputError where it is in degrees; warns where it is unknown or not meant for this place.
+  void CheckPlace(const std::string& field, const std::string& system);
+
+  RawMesh Finish() &&;
+
+ private:
+  std::filesystem::path path_;
+  size_t most_corners_;
+  size_t num_polygons_ = 0;
+  size_t too_large_ = 0;
+  RawMesh mesh_;
+};
+
+}  // namespace raylift
