@@ -5,6 +5,7 @@
 
 #include "localization/alignment/edge_aligner.h"
 #include "localization/alignment/edge_image.h"
+#include "localization/alignment/edge_turns.h"
 #include "localization/alignment/scene_edges.h"
 #include "support/meshes.h"
 #include <gtest/gtest.h>
@@ -36,7 +37,7 @@ Image StepAt(double x, int width_px, int height_px) {
 }
 
 TEST(EdgeImage, AStepIsAnEdgeThereAndAcrossItAlone) {
-  const EdgeImage image(StepAt(70.3, 160, 120), Pinhole());
+  const EdgeImage image(StepAt(70.3, 160, 120), Pinhole(), 1);
   ASSERT_GT(image.edges().size(), 100u);
   // The parabola through three magnitudes of a step is off by some tenth of a pixel.
   for (const EdgePixel& edge : image.edges()) EXPECT_NEAR(edge.position_px.x(), 70.3, 0.15);
@@ -74,11 +75,38 @@ TEST(SceneEdges, OfABoxLieOnItsOutlineAndItsCreases) {
   EXPECT_GT(creases, 30);
 }
 
+// A white box before black.
+TEST(EdgeTurns, FindTheTurnOfABox) {
+  const auto mesh = std::make_shared<const RayCaster>(std::make_shared<const TriangleMesh>(
+      MakeBox(Eigen::Vector3d::Zero(), Eigen::Vector3d(1, 0.8, 0.6))));
+  const Rigid3 pose = LookAt({2.5, -2, -3}, Eigen::Vector3d::Zero());
+  const PixelRays rays(Pinhole(), 1);
+  FrameOptions options = FrameOfEdges();
+  options.mask = true;
+  Frame frame;
+  FrameRenderer(mesh, options).Render(rays, pose, 1, frame);
+  const EdgeImage image(frame.mask, Pinhole(), 1);
+  const EdgeTurns turns(image, 1, 0.2);
+  EXPECT_GT(turns.NumTried(), 1000u);
+  const std::vector<SceneEdge> edges = SceneEdges(frame, rays, pose, 10000);
+  const Eigen::Quaterniond turn = RotationFromVector({0.06, -0.1, 0.08});
+  const Eigen::Quaterniond turned = turn * pose.rotation;
+  const auto found = turns.BestOfWindows(edges, {turned, -(turned * pose.OriginInSource())});
+  const auto best = std::max_element(
+      found.begin(), found.end(), [](const auto& a, const auto& b) { return a.score < b.score; });
+  ASSERT_NE(best, found.end());
+  // A pixel is 0.6 degrees wide; the roll has steps of 2.3.
+  EXPECT_LT(AngleBetweenDeg(best->cam_from_world.rotation, pose.rotation), 2);
+  EXPECT_LT((best->cam_from_world.OriginInSource() - pose.OriginInSource()).norm(), 1e-9);
+  const auto near = turns.BestOfWindow(edges, best->cam_from_world);
+  EXPECT_GT(near.score, 0.9 * best->score);
+}
+
 // The demo's mesh, of whose textures alignment by edges sees nothing.
 class DemoAlignment : public testing::Test {
  protected:
   PoseEstimate Align(const Eigen::Vector3d& turn_deg, const Eigen::Vector3d& shift,
-                     uint64_t seed = 1) {
+                     double sigma_m = 0.3, double sigma_deg = 2) {
     static const MeshScene mesh = LoadMeshScene({"mesh:" + (kDemo / "scene.obj").string()});
     const Query query = ReadQueryList(kDemo / "queries.txt").at(1);
     truth_ = PosesOf(LoadReferences(kDemo / "ground_truth", 1).references).at(query.name);
@@ -88,9 +116,9 @@ class DemoAlignment : public testing::Test {
     problem.name = query.name;
     problem.query_camera = query.camera;
     problem.priors.position = {.position = truth_.OriginInSource() + shift,
-                               .sigma = Eigen::Vector3d::Constant(0.3)};
-    problem.priors.orientation = {.cam_from_world = rotation, .sigma_deg = 2};
-    return EdgeAligner(mesh.caster, kDemo / "images", seed).Estimate(problem);
+                               .sigma = Eigen::Vector3d::Constant(sigma_m)};
+    problem.priors.orientation = {.cam_from_world = rotation, .sigma_deg = sigma_deg};
+    return EdgeAligner(mesh.caster, kDemo / "images", 1).Estimate(problem);
   }
   Rigid3 truth_;
 };
@@ -103,6 +131,13 @@ TEST_F(DemoAlignment, FromAPriorNearByIsExactAndSure) {
   EXPECT_LT(AngleBetweenDeg(estimate.cam_from_world->rotation, truth_.rotation), 0.2);
   const PoseEstimate again = Align({2, -1, 1}, {0.2, -0.3, 0.1});
   EXPECT_EQ(again.cam_from_world->translation, estimate.cam_from_world->translation);
+}
+
+TEST_F(DemoAlignment, FromAPriorFurtherOffIsAsExact) {
+  const PoseEstimate estimate = Align({7, -6, 5}, {0.9, -1.1, 0.6}, 1, 5);
+  ASSERT_TRUE(estimate.cam_from_world);
+  EXPECT_LT((estimate.cam_from_world->OriginInSource() - truth_.OriginInSource()).norm(), 0.03);
+  EXPECT_LT(AngleBetweenDeg(estimate.cam_from_world->rotation, truth_.rotation), 0.2);
 }
 
 TEST_F(DemoAlignment, FromAPriorSomewhereElseIsNotSure) {

@@ -17,10 +17,8 @@ constexpr double kBlurPx = 1;
 // A gradient of noise alone has a Rayleigh distributed magnitude, of which this share is above the
 // threshold.
 constexpr double kNoiseShare = 0.01;
-// Edges of the scene and of the photograph are this far apart (standard deviation): the rounding
-// to pixels of both.
-constexpr double kSigmaPx = 1;
-constexpr double kFarthestPx = 5 * kSigmaPx;
+// What is as many deviations away is no edge of the scene.
+constexpr double kFarthest = 5;
 // The neighborhood that tells how often there is an edge, as a share of the longer side.
 constexpr double kNeighborhood = 0.2;
 
@@ -77,16 +75,28 @@ std::optional<EdgePixel> EdgeIn(const Gradients& gradients, int x, int y) {
 
 }  // namespace
 
-EdgeImage::EdgeImage(const Image& gray, const Camera& camera)
+EdgeImage::EdgeImage(const Image& gray, const Camera& camera, double sigma_px)
     : camera_(camera), width_(gray.width_px), height_(gray.height_px) {
   FindEdges(gray);
-  MakeEvidence();
+  MakeEvidence(sigma_px);
 }
 
 size_t EdgeImage::Direction(const Eigen::Vector2d& normal) {
-  const double turns = std::atan2(normal.y(), normal.x()) / std::numbers::pi;
-  const int direction = static_cast<int>(std::lround(turns * kDirections));
-  return static_cast<size_t>((direction + 2 * kDirections) % kDirections);
+  // By a table of |y| / (|x| + |y|), an arc tangent being the dearest part of a score.
+  constexpr size_t kSteps = 256;
+  static const auto kOfFirstQuadrant = [] {
+    std::array<uint8_t, kSteps + 1> directions;
+    for (size_t i = 0; i <= kSteps; ++i) {
+      const double share = (static_cast<double>(i) + 0.5) / (kSteps + 1);
+      const double turns = std::atan2(share, 1 - share) / std::numbers::pi;
+      directions[i] = static_cast<uint8_t>(std::lround(turns * kDirections));
+    }
+    return directions;
+  }();
+  const double x = std::abs(normal.x());
+  const double y = std::abs(normal.y());
+  const size_t direction = kOfFirstQuadrant[static_cast<size_t>(kSteps * y / (x + y))];
+  return (normal.x() > 0) == (normal.y() > 0) ? direction : (kDirections - direction) % kDirections;
 }
 
 void EdgeImage::FindEdges(const Image& gray) {
@@ -105,7 +115,7 @@ void EdgeImage::FindEdges(const Image& gray) {
   }
 }
 
-void EdgeImage::MakeEvidence() {
+void EdgeImage::MakeEvidence(double sigma_px) {
   std::array<cv::Mat, kDirections> edges;
   for (cv::Mat& map : edges) map = cv::Mat::zeros(height_, width_, CV_8U);
   for (int y = 0; y < height_; ++y) {
@@ -134,13 +144,13 @@ void EdgeImage::MakeEvidence() {
       const double d = distance.ptr<float>()[i];
       const double r = std::max(least_rate, rate.ptr<float>()[i] / 255.0);
       rates[i] = static_cast<float>(r);
-      if (d > kFarthestPx) {
+      if (d > kFarthest * sigma_px) {
         evidence[i] = -1;
         continue;
       }
-      const double z = d / kSigmaPx;
+      const double z = d / sigma_px;
       const double density =
-          2 / (kSigmaPx * std::sqrt(2 * std::numbers::pi)) * std::exp(-0.5 * z * z);
+          2 / (sigma_px * std::sqrt(2 * std::numbers::pi)) * std::exp(-0.5 * z * z);
       evidence[i] = static_cast<float>(density / (2 * r) + std::erfc(z / std::numbers::sqrt2) - 1);
     }
   }

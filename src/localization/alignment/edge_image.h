@@ -28,8 +28,9 @@ class EdgeImage {
   // Edges have one of so many directions; those of the next ones count as alike.
   static constexpr int kDirections = 12;
 
-  // `gray` has the camera's size.
-  EdgeImage(const Image& gray, const Camera& camera);
+  // `gray` has the camera's size. Edges of the scene and of the photograph are `sigma_px` apart
+  // (standard deviation).
+  EdgeImage(const Image& gray, const Camera& camera, double sigma_px);
 
   const Camera& camera() const { return camera_; }
   std::span<const EdgePixel> edges() const { return edges_; }
@@ -46,6 +47,10 @@ class EdgeImage {
     if (!(pixel.x() >= 0 && pixel.y() >= 0) || x >= width_ || y >= height_) return 0;
     return evidence_[Direction(normal)][Index(x, y)];
   }
+  double EvidenceAt(int x, int y, size_t direction) const {
+    return evidence_[direction][Index(x, y)];
+  }
+  static size_t Direction(const Eigen::Vector2d& normal);
   // How many edges of this direction are crossed per pixel by chance.
   double ChanceRate(const Eigen::Vector2d& pixel, const Eigen::Vector2d& normal) const;
 
@@ -55,12 +60,11 @@ class EdgeImage {
                                         double reach_px) const;
 
  private:
-  static size_t Direction(const Eigen::Vector2d& normal);
   size_t Index(int x, int y) const {
     return static_cast<size_t>(y) * static_cast<size_t>(width_) + static_cast<size_t>(x);
   }
   void FindEdges(const Image& gray);
-  void MakeEvidence();
+  void MakeEvidence(double sigma_px);
 
   Camera camera_;
   int width_, height_;

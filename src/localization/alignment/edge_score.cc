@@ -27,40 +27,6 @@ ShareScores ScoresOf(const SceneEdge& edge, double evidence) {
   return edge.length_px * (1 + kShares * evidence).log();
 }
 
-// A piece of an edge in the picture.
-struct SeenEdge {
-  Eigen::Vector2d pixel;
-  Eigen::Vector2d normal;                      // unit
-  Eigen::Matrix<double, 2, 3> pixel_from_cam;  // its derivative
-  Eigen::Vector3d point_in_cam;
-};
-
-class Viewer {
- public:
-  Viewer(const Camera& camera, const Rigid3& cam_from_world)
-      : camera_(camera),
-        rotation_(cam_from_world.rotation.toRotationMatrix()),
-        translation_(cam_from_world.translation) {}
-
-  std::optional<SeenEdge> See(const SceneEdge& edge) const {
-    SeenEdge seen;
-    seen.point_in_cam = rotation_ * edge.point_in_world + translation_;
-    const auto projected = camera_.ImgFromCamWithJacobian(seen.point_in_cam);
-    if (!projected || !camera_.Contains(projected->pixel)) return std::nullopt;
-    const Eigen::Vector2d along = projected->jacobian * (rotation_ * edge.tangent_in_world);
-    if (!(along.squaredNorm() > 0)) return std::nullopt;
-    seen.pixel = projected->pixel;
-    seen.normal = Eigen::Vector2d(-along.y(), along.x()).normalized();
-    seen.pixel_from_cam = projected->jacobian;
-    return seen;
-  }
-
- private:
-  const Camera& camera_;
-  Eigen::Matrix3d rotation_;
-  Eigen::Vector3d translation_;
-};
-
 size_t CellOf(const Camera& camera, const Eigen::Vector2d& pixel) {
   const auto part = [](double at, int size) {
     return std::clamp(static_cast<int>(at / size * kCellsPerSide), 0, kCellsPerSide - 1);
@@ -94,10 +60,10 @@ struct Residual {
 std::vector<Residual> ResidualsAt(const EdgeImage& image, std::span<const SceneEdge> edges,
                                   const Rigid3& pose, double reach_px) {
   std::vector<Residual> residuals;
-  const Viewer viewer(image.camera(), pose);
+  const EdgeViewer viewer(image.camera(), pose);
   for (const SceneEdge& edge : edges) {
     const auto seen = viewer.See(edge);
-    if (!seen) continue;
+    if (!seen || !image.camera().Contains(seen->pixel)) continue;
     const auto near = image.NearestAlong(seen->pixel, seen->normal, reach_px);
     if (!near) continue;
     Residual residual;
@@ -163,9 +129,22 @@ std::optional<Matrix6d> CovarianceOf(const Equations& equations, const PosePrior
 
 }  // namespace
 
+std::optional<SeenEdge> EdgeViewer::See(const SceneEdge& edge) const {
+  SeenEdge seen;
+  seen.point_in_cam = rotation_ * edge.point_in_world + translation_;
+  const auto projected = camera_.ImgFromCamWithJacobian(seen.point_in_cam);
+  if (!projected) return std::nullopt;
+  const Eigen::Vector2d along = projected->jacobian * (rotation_ * edge.tangent_in_world);
+  if (!(along.squaredNorm() > 0)) return std::nullopt;
+  seen.pixel = projected->pixel;
+  seen.normal = Eigen::Vector2d(-along.y(), along.x()).normalized();
+  seen.pixel_from_cam = projected->jacobian;
+  return seen;
+}
+
 double EdgeScore(const EdgeImage& image, std::span<const SceneEdge> edges,
                  const Rigid3& cam_from_world) {
-  const Viewer viewer(image.camera(), cam_from_world);
+  const EdgeViewer viewer(image.camera(), cam_from_world);
   std::array<ShareScores, kNumKinds> by_kind;
   by_kind.fill(ShareScores::Zero());
   for (const SceneEdge& edge : edges) {
@@ -181,12 +160,13 @@ double EdgeScore(const EdgeImage& image, std::span<const SceneEdge> edges,
 
 CellScores EdgeScoreByCell(const EdgeImage& image, std::span<const SceneEdge> edges,
                            const Rigid3& cam_from_world) {
-  const Viewer viewer(image.camera(), cam_from_world);
+  const EdgeViewer viewer(image.camera(), cam_from_world);
   using ScoresOfCells = Eigen::Array<double, kNumCells, kNumShares>;
   std::array<ScoresOfCells, kNumKinds> by_kind;
   by_kind.fill(ScoresOfCells::Zero());
   for (const SceneEdge& edge : edges) {
-    if (const auto seen = viewer.See(edge)) {
+    const auto seen = viewer.See(edge);
+    if (seen && image.camera().Contains(seen->pixel)) {
       by_kind[static_cast<size_t>(edge.kind)].row(
           static_cast<Eigen::Index>(CellOf(image.camera(), seen->pixel))) +=
           ScoresOf(edge, image.Evidence(seen->pixel, seen->normal)).transpose();
@@ -238,7 +218,7 @@ void AddCovarianceByResampling(const EdgeImage& image, std::span<const SceneEdge
                                const PosePrior& prior, double reach_px, Rng& rng, EdgeFit& fit) {
   constexpr int kReplicates = 24;
   constexpr int kBlocksPerSide = kCellsPerSide / 2;
-  const Viewer viewer(image.camera(), fit.cam_from_world);
+  const EdgeViewer viewer(image.camera(), fit.cam_from_world);
   std::vector<size_t> blocks;
   for (const SceneEdge& edge : edges) {
     const auto seen = viewer.See(edge);

@@ -11,6 +11,7 @@
 #include "localization/alignment/scene_edges.h"
 #include <Eigen/Core>
 
+#include "raylift/geometry/camera.h"
 #include "raylift/geometry/rigid3.h"
 
 namespace raylift {
@@ -21,6 +22,30 @@ struct PosePrior {
   // Standard deviations of the center along the world's axes and of the angles; above 0.
   Eigen::Vector3d sigma_position;
   double sigma_deg;
+};
+
+// A piece of an edge in the picture.
+struct SeenEdge {
+  Eigen::Vector2d pixel;
+  Eigen::Vector2d normal;                      // unit
+  Eigen::Matrix<double, 2, 3> pixel_from_cam;  // its derivative
+  Eigen::Vector3d point_in_cam;
+};
+
+class EdgeViewer {
+ public:
+  EdgeViewer(const Camera& camera, const Rigid3& cam_from_world)
+      : camera_(camera),
+        rotation_(cam_from_world.rotation.toRotationMatrix()),
+        translation_(cam_from_world.translation) {}
+
+  // nullopt where the lens shows it nowhere; it may be outside the picture.
+  std::optional<SeenEdge> See(const SceneEdge& edge) const;
+
+ private:
+  const Camera& camera_;
+  Eigen::Matrix3d rotation_;
+  Eigen::Vector3d translation_;
 };
 
 // The logarithm of the likelihood ratio of all pieces, weighted by their lengths: the sum of

@@ -11,7 +11,9 @@
 #include "base/rng.h"
 #include "base/statistics.h"
 #include "geometry/pose_step.h"
+#include "localization/alignment/edge_turns.h"
 #include <Eigen/Cholesky>
+#include <Eigen/Geometry>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
@@ -22,26 +24,34 @@ namespace {
 
 constexpr double kRadPerDeg = std::numbers::pi / 180;
 
-// The photograph's sizes by their longer sides, coarse to fine, and how many modes are left after
-// each.
-struct Level {
-  int side_px;
-  size_t edges;  // pieces of the scene's edges
-  size_t modes;
-};
-constexpr std::array<Level, 3> kLevels = {{{80, 250, 80}, {160, 400, 24}, {320, 800, 8}}};
-constexpr Level kFinest = {640, 3000, 8};
-// Of the coarsest size: positions, and directions from each.
-constexpr int kPositions = 300;
-constexpr int kTurns = 400;
-// The best of these are looked around in turn, more narrowly.
-constexpr size_t kPromising = 50;
-constexpr int kPositionsAround = 6;
-constexpr int kTurnsAround = 150;
-constexpr double kNarrower = 0.3;
+// The photograph's sizes by their longer sides.
+constexpr int kCoarsePx = 320;
+constexpr int kFinestPx = 640;
+// Pieces of the scene's edges: of fewer, what is drawn decides as much as where they are.
+constexpr size_t kCoarseEdges = 1500;
+constexpr size_t kFinestEdges = 3000;
+// While positions are explored the evidence is sampled in cells of so many pixels, and edges may be
+// further from their place.
+constexpr int kExploreCellPx = 2;
+constexpr double kExploreSigmaPx = 1.5;
+// A position serves those around it up to so many pixels of motion, most of which turns undo.
+constexpr double kSpacingPx = 12;
+constexpr double kFewestPositions = 40;
+constexpr double kMostPositions = 250;
+// As many of the best turns of each position are moved, as many of the best poses looked at again
+// and fitted, and as many modes are left then.
+constexpr size_t kTurnsEach = 2;
+constexpr size_t kPromising = 40;
+constexpr size_t kModesAround = 4;
+constexpr size_t kAround = 24;
+constexpr size_t kModes = 6;
+// As many standard deviations of the prior are looked at.
+constexpr double kFarthest = 2.5;
 // Edges of the photograph are looked for so far from those of the scene.
 constexpr double kReachPx = 4;
 
+// Modes as near as this in the finest picture see the same things.
+constexpr double kModePx = 4 * kReachPx;
 // A squared distance in standard deviations that two estimates of one pose seldom have: a
 // chi-squared of 6 degrees of freedom exceeds it once in 10,000.
 constexpr double kSameMode = 27.9;
@@ -50,6 +60,34 @@ struct Scored {
   Rigid3 cam_from_world;
   double score;
 };
+
+bool BetterThan(const Scored& a, const Scored& b) { return a.score > b.score; }
+
+// The probability that independent cells of no sign have as large a sum.
+double ChanceOf(const CellScores& scores) {
+  const double squares = scores.square().sum();
+  if (!(squares > 0)) return 0.5;
+  return 0.5 * std::erfc(scores.sum() / std::sqrt(2 * squares));
+}
+
+// The i-th of numbers in (0, 1) that fill the space of three axes evenly: multiples of the powers
+// of 1 / g modulo 1, with g^4 = g + 1 (Roberts 2018).
+double Spread(size_t i, int axis) {
+  constexpr double kRatio = 1.2207440846057596;
+  const double at = 0.5 + static_cast<double>(i) * std::pow(kRatio, -1 - axis);
+  return at - std::floor(at);
+}
+
+// By bisection.
+double NormalQuantile(double share_below) {
+  double low = -8;
+  double high = 8;
+  for (int i = 0; i < 40; ++i) {
+    const double middle = 0.5 * (low + high);
+    (0.5 * std::erfc(-middle / std::numbers::sqrt2) < share_below ? low : high) = middle;
+  }
+  return low;
+}
 
 Image Resized(const Image& gray, int width_px, int height_px) {
   const cv::Mat from(gray.height_px, gray.width_px, CV_8U, const_cast<uint8_t*>(gray.data.data()));
@@ -60,40 +98,89 @@ Image Resized(const Image& gray, int width_px, int height_px) {
   return small;
 }
 
-EdgeImage ImageAt(const Image& gray, const Camera& camera, int side_px) {
+EdgeImage ImageAt(const Image& gray, const Camera& camera, int side_px, double sigma_px) {
   const double scale =
       std::min(1.0, static_cast<double>(side_px) / std::max(gray.width_px, gray.height_px));
   const int width = std::max(8, static_cast<int>(std::lround(scale * gray.width_px)));
   const int height = std::max(8, static_cast<int>(std::lround(scale * gray.height_px)));
-  return EdgeImage(Resized(gray, width, height), camera.Scaled(width, height));
+  return EdgeImage(Resized(gray, width, height), camera.Scaled(width, height), sigma_px);
 }
 
-// A lens that sees all that the camera sees when it is turned by `turn_rad`, as sharply.
+// A lens that sees about all that the camera sees when it is turned by up to `turn_rad`, as
+// sharply: places are angles from its axis.
 Camera WideCamera(const Camera& camera, double turn_rad) {
-  double widest = 0;
-  for (const double x : {0.0, 0.5, 1.0}) {
-    for (const double y : {0.0, 0.5, 1.0}) {
-      const auto ray = camera.RayInCam({x * camera.width_px(), y * camera.height_px()});
-      if (ray) widest = std::max(widest, std::acos(std::clamp(ray->z(), -1.0, 1.0)));
+  Eigen::Array2d half = Eigen::Array2d::Zero();
+  for (const Eigen::Vector2d& place : BorderAngles(camera)) {
+    for (const double roll : {-turn_rad, 0.0, turn_rad}) {
+      half = half.max((Eigen::Rotation2Dd(roll) * place).array().abs());
     }
   }
-  const double half = std::min(widest + turn_rad, 0.95 * std::numbers::pi);
   const double focal_px = camera.MeanFocalPx();
-  const int side = std::max(8, static_cast<int>(2 * half * focal_px));
-  const double params[] = {focal_px, 0.5 * side, 0.5 * side, 0};
-  return {CameraModel::kSimpleRadialFisheye, side, side, params};
-}
-
-Eigen::Vector3d NormalVector(Rng& rng) {
-  const double x = rng.Normal();
-  const double y = rng.Normal();
-  return {x, y, rng.Normal()};
+  const Eigen::Array2i size =
+      (2 * focal_px * (half + turn_rad).min(0.95 * std::numbers::pi)).max(8).cast<int>();
+  const double params[] = {focal_px, 0.5 * size.x(), 0.5 * size.y(), 0};
+  return {CameraModel::kSimpleRadialFisheye, size.x(), size.y(), params};
 }
 
 // A pose turned by a rotation vector and with its center moved.
 Rigid3 Moved(const Rigid3& pose, const Eigen::Vector3d& turn, const Eigen::Vector3d& shift) {
   const Eigen::Quaterniond rotation = (RotationFromVector(turn) * pose.rotation).normalized();
   return {rotation, -(rotation * (pose.OriginInSource() + shift))};
+}
+
+// Poses of one rotation whose positions have these deviations, the first none.
+std::vector<Rigid3> SpreadAround(const Rigid3& pose, const Eigen::Vector3d& sigma, size_t count) {
+  std::vector<Rigid3> poses = {pose};
+  for (size_t i = 1; i < count; ++i) {
+    Eigen::Vector3d shift;
+    for (int axis = 0; axis < 3; ++axis)
+      shift[axis] = sigma[axis] * NormalQuantile(Spread(i, axis));
+    poses.push_back(Moved(pose, Eigen::Vector3d::Zero(), shift));
+  }
+  return poses;
+}
+
+double MedianDistance(const Frame& frame) {
+  std::vector<float> distances;
+  for (const float distance : frame.distance) {
+    if (distance > 0) distances.push_back(distance);
+  }
+  return distances.empty() ? 0 : UpperMedianInPlace(std::span(distances));
+}
+
+// Returns whether the picture of what is `distance` away moves by less than `turn_rad`, about.
+bool AreNear(const Rigid3& a, const Rigid3& b, double turn_rad, double distance) {
+  return AngleBetweenDeg(a.rotation, b.rotation) * kRadPerDeg < turn_rad &&
+         (a.OriginInSource() - b.OriginInSource()).norm() < turn_rad * distance;
+}
+
+// Returns the best ones that are not near any better one.
+std::vector<Scored> Distinct(std::vector<Scored> all, size_t most, double turn_rad,
+                             double distance) {
+  std::stable_sort(all.begin(), all.end(), BetterThan);
+  std::vector<Scored> kept;
+  for (const Scored& scored : all) {
+    if (kept.size() == most) break;
+    const bool is_new = std::none_of(kept.begin(), kept.end(), [&](const Scored& better) {
+      return AreNear(better.cam_from_world, scored.cam_from_world, turn_rad, distance);
+    });
+    if (is_new) kept.push_back(scored);
+  }
+  return kept;
+}
+
+// Adds the scatter of the modes near the best one, each by the odds that it is the better one:
+// where the mesh errs by pixels, it is by chance which edge a piece is taken for.
+void AddCovarianceOfModes(std::vector<EdgeMode>& modes, double turn_rad, double distance) {
+  EdgeMode& best = modes.front();
+  Matrix6d scatter = Matrix6d::Zero();
+  for (size_t i = 1; i < modes.size(); ++i) {
+    const Rigid3& other = modes[i].fit.cam_from_world;
+    if (!AreNear(best.fit.cam_from_world, other, turn_rad, distance)) continue;
+    const Vector6d step = StepBetween(best.fit.cam_from_world, other);
+    scatter += ChanceOf(best.cells - modes[i].cells) * step * step.transpose();
+  }
+  best.fit.covariance += scatter;
 }
 
 class Search {
@@ -110,97 +197,118 @@ class Search {
     return EdgeScore(image, edges, pose) + LogPrior(prior_, pose);
   }
 
-  // Random steps whose size follows their success.
-  void Climb(const EdgeImage& image, std::span<const SceneEdge> edges, double turn_rad,
-             double shift, int steps, Scored& best) {
-    for (int i = 0; i < steps; ++i) {
-      const Rigid3 pose =
-          Moved(best.cam_from_world, turn_rad * NormalVector(rng_), shift * NormalVector(rng_));
-      const double score = Score(image, edges, pose);
-      const double factor = score > best.score ? 1.5 : 0.92;
-      if (score > best.score) best = {pose, score};
-      turn_rad *= factor;
-      shift *= factor;
+  Scored WithPrior(const EdgeTurns::Scored& turned) const {
+    return {turned.cam_from_world, turned.score + LogPrior(prior_, turned.cam_from_world)};
+  }
+
+  // Moves along each axis as long as that is better. What is seen is taken for the same.
+  void Climb(const EdgeTurns& turns, std::span<const SceneEdge> edges, double step, Scored& best) {
+    for (const double length : {2 * step, step, step / 2}) {
+      for (int axis = 0; axis < 3; ++axis) {
+        for (const int sign : {1, -1}) {
+          const Eigen::Vector3d shift = sign * length * Eigen::Vector3d::Unit(axis);
+          const Rigid3 moved = Moved(best.cam_from_world, Eigen::Vector3d::Zero(), shift);
+          const Scored scored = WithPrior(turns.BestOfWindow(edges, moved));
+          if (!(scored.score > best.score)) continue;
+          best = scored;
+          break;
+        }
+      }
     }
   }
 
-  // Looks around poses, one position each: a wide view from there serves all directions.
-  std::vector<Scored> Explore(const EdgeImage& image, const Level& level,
-                              std::span<const Rigid3> from, double turn_deg, int turns) {
-    const double turn_rad = turn_deg * kRadPerDeg;
-    const PixelRays rays(WideCamera(image.camera(), 2 * turn_rad), 1);
+  // Turns the camera at each position, of which a wide view serves all turns, and moves it from
+  // the best of them.
+  std::vector<Scored> Explore(const EdgeTurns& turns, std::span<const Rigid3> from,
+                              double spacing) {
+    const PixelRays rays(WideCamera(turns.camera(), turns.most_rad()), 1);
     std::vector<Scored> all;
     for (const Rigid3& at : from) {
-      const std::vector<SceneEdge> edges = EdgesFrom(rays, at, level.edges);
+      const auto edges = EdgesFrom(rays, at, EdgeTurns::kMost);
       std::vector<Scored> turned;
-      for (int k = 0; k < turns; ++k) {
-        const Eigen::Vector3d turn = k == 0 ? Eigen::Vector3d(Eigen::Vector3d::Zero())
-                                            : Eigen::Vector3d(turn_rad * NormalVector(rng_));
-        const Rigid3 pose = Moved(at, turn, Eigen::Vector3d::Zero());
-        turned.push_back({pose, Score(image, edges, pose)});
-      }
-      num_tried_ += static_cast<size_t>(turns);
-      std::sort(turned.begin(), turned.end(),
-                [](const Scored& a, const Scored& b) { return a.score > b.score; });
-      const size_t kept = std::min<size_t>(2, turned.size());
-      for (size_t k = 0; k < kept; ++k) {
-        Climb(image, edges, 0.03, 0.1 * prior_.sigma_position.mean(), 60, turned[k]);
-        all.push_back(turned[k]);
+      for (const auto& best : turns.BestOfWindows(edges, at)) turned.push_back(WithPrior(best));
+      std::sort(turned.begin(), turned.end(), BetterThan);
+      turned.resize(std::min(kTurnsEach, turned.size()));
+      for (Scored& scored : turned) {
+        Climb(turns, edges, spacing / 4, scored);
+        all.push_back(scored);
       }
     }
     return all;
   }
 
-  // Poses with the prior's rotation at positions that are drawn from it, itself the first.
-  std::vector<Rigid3> DrawFromPrior(int count) {
-    std::vector<Rigid3> poses = {prior_.cam_from_world};
-    while (poses.size() < static_cast<size_t>(count)) {
-      poses.push_back(Moved(prior_.cam_from_world, Eigen::Vector3d::Zero(),
-                            prior_.sigma_position.cwiseProduct(NormalVector(rng_))));
+  // The distance over which a position serves.
+  double Spacing(const EdgeImage& image) {
+    EdgesFrom(PixelRays(image.camera(), 1), prior_.cam_from_world, 0);
+    distance_ = MedianDistance(frame_);
+    return kSpacingPx / image.camera().MeanFocalPx() * distance_;
+  }
+
+  // Poses with the prior's rotation at positions that are spread over it: as many as spaces fill
+  // the volume of a normal distribution. The mean squared distance to the next one is least if
+  // their density goes with the power 3 / 5 of the prior's (Zador).
+  std::vector<Rigid3> SpreadOverPrior(double spacing) const {
+    const double volume =
+        std::pow(2 * std::numbers::pi, 1.5) * prior_.sigma_position.prod() / std::pow(spacing, 3);
+    const double count = std::clamp(volume, kFewestPositions, kMostPositions);
+    return SpreadAround(prior_.cam_from_world, std::sqrt(5.0 / 3) * prior_.sigma_position,
+                        static_cast<size_t>(count));
+  }
+
+  // Moves each of the best poses by what is seen from it.
+  void LookAgain(const EdgeTurns& turns, double step, size_t most, std::vector<Scored>& poses) {
+    poses = Distinct(std::move(poses), most, 1 / turns.camera().MeanFocalPx(), distance_);
+    const PixelRays rays(WideCamera(turns.camera(), turns.ReachRad()), 1);
+    for (Scored& scored : poses) {
+      const auto edges = EdgesFrom(rays, scored.cam_from_world, EdgeTurns::kMost);
+      scored = WithPrior(turns.BestOfWindow(edges, scored.cam_from_world));
+      Climb(turns, edges, step, scored);
     }
+  }
+
+  // Looks for poses within the prior and fits them, and then all around the best of these, which
+  // may have been drawn to the next edges but one.
+  std::vector<Scored> Modes(const EdgeImage& smooth, const EdgeImage& sharp) {
+    const double spacing = Spacing(smooth);
+    const EdgeTurns widely(smooth, kExploreCellPx, kFarthest * prior_.sigma_deg * kRadPerDeg);
+    const EdgeTurns narrowly(smooth, kExploreCellPx, widely.ReachRad());
+    const EdgeTurns coarse(smooth, kExploreCellPx, 0);
+    const EdgeTurns fine(sharp, 1, 0);
+    const std::vector<Rigid3> from = SpreadOverPrior(spacing);
+    num_tried_ = from.size() * widely.NumTried();
+    std::vector<Scored> poses = Explore(widely, from, spacing);
+    LookAgain(coarse, spacing / 2, 4 * kPromising, poses);
+    LookAgain(coarse, spacing / 4, 2 * kPromising, poses);
+    LookAgain(fine, spacing / 4, kPromising, poses);
+    Improve(sharp, kPromising / 2, poses);
+    std::vector<Scored> around;
+    for (size_t i = 0; i < std::min(kModesAround, poses.size()); ++i) {
+      const auto more = Explore(
+          narrowly,
+          SpreadAround(poses[i].cam_from_world, Eigen::Vector3d::Constant(spacing), kAround),
+          spacing / 2);
+      around.insert(around.end(), more.begin(), more.end());
+    }
+    LookAgain(fine, spacing / 8, kPromising / 2, around);
+    poses.insert(poses.end(), around.begin(), around.end());
+    Improve(sharp, kModes, poses);
     return poses;
   }
 
-  std::vector<Rigid3> DrawAround(std::span<const Scored> poses) {
-    std::vector<Rigid3> drawn;
-    for (const Scored& scored : poses) {
-      for (int i = 0; i < kPositionsAround; ++i) {
-        drawn.push_back(Moved(scored.cam_from_world, Eigen::Vector3d::Zero(),
-                              kNarrower * prior_.sigma_position.cwiseProduct(NormalVector(rng_))));
-      }
-    }
-    return drawn;
-  }
-
-  // Looks around the prior and then around the best poses, at the coarsest size.
-  std::vector<Scored> ExplorePrior(const EdgeImage& image, const Level& level) {
-    std::vector<Scored> poses =
-        Explore(image, level, DrawFromPrior(kPositions), prior_.sigma_deg, kTurns);
-    const std::vector<Scored> best = Distinct(image, poses, kPromising, 2);
-    const std::vector<Scored> more =
-        Explore(image, level, DrawAround(best), kNarrower * prior_.sigma_deg, kTurnsAround);
-    poses.insert(poses.end(), more.begin(), more.end());
-    return Distinct(image, std::move(poses), 2 * level.modes, 1);
-  }
-
-  // Renders anew from where each pose is, takes it on, and keeps the level's best.
-  void Improve(const EdgeImage& image, const Level& level, std::vector<Scored>& poses) {
-    constexpr int kRounds = 2;
-    constexpr int kSteps = 60;
+  // Fits each pose to what is seen from it, and keeps the best.
+  void Improve(const EdgeImage& image, size_t most, std::vector<Scored>& poses) {
     const PixelRays rays(image.camera(), 1);
-    const double pixel_rad = 1 / image.camera().MeanFocalPx();
     for (Scored& scored : poses) {
-      for (int round = 0; round < kRounds; ++round) {
-        const std::vector<SceneEdge> edges = EdgesFrom(rays, scored.cam_from_world, level.edges);
+      for (const double reach_px : {2 * kReachPx, kReachPx}) {
+        const auto edges = EdgesFrom(rays, scored.cam_from_world, kCoarseEdges);
+        const auto fit = FitEdges(image, edges, prior_, scored.cam_from_world, reach_px);
         scored.score = Score(image, edges, scored.cam_from_world);
-        Climb(image, edges, 2 * pixel_rad, pixel_rad * MedianDistance(), kSteps, scored);
-        const auto fit = FitEdges(image, edges, prior_, scored.cam_from_world, kReachPx);
         if (!fit) continue;
         const double score = Score(image, edges, fit->cam_from_world);
         if (score > scored.score) scored = {fit->cam_from_world, score};
       }
     }
-    poses = Distinct(image, std::move(poses), level.modes, 1);
+    poses = Distinct(std::move(poses), most, 1 / image.camera().MeanFocalPx(), distance_);
   }
 
   // Fits each pose at the finest size.
@@ -216,62 +324,33 @@ class Search {
                      [](const EdgeMode& a, const EdgeMode& b) { return a.score > b.score; });
     if (!found.modes.empty()) {
       EdgeMode& best = found.modes.front();
-      const auto edges = EdgesFrom(rays, best.fit.cam_from_world, kFinest.edges);
+      const auto edges = EdgesFrom(rays, best.fit.cam_from_world, kFinestEdges);
       AddCovarianceByResampling(image, edges, prior_, kReachPx, rng_, best.fit);
+      AddCovarianceOfModes(found.modes, kModePx / image.camera().MeanFocalPx(), distance_);
     }
     return found;
   }
 
  private:
   std::optional<EdgeMode> ModeFrom(const EdgeImage& image, const PixelRays& rays, Rigid3 pose) {
-    constexpr int kRounds = 4;
+    constexpr int kFits = 4;
     EdgeMode mode;
-    for (int round = 0; round < kRounds; ++round) {
-      const auto fit =
-          FitEdges(image, EdgesFrom(rays, pose, kFinest.edges), prior_, pose, kReachPx);
+    for (int round = 0; round < kFits; ++round) {
+      const auto fit = FitEdges(image, EdgesFrom(rays, pose, kFinestEdges), prior_, pose, kReachPx);
       if (!fit) return std::nullopt;
       mode.fit = *fit;
       pose = fit->cam_from_world;
     }
-    mode.cells = EdgeScoreByCell(image, EdgesFrom(rays, pose, kFinest.edges), pose);
+    mode.cells = EdgeScoreByCell(image, EdgesFrom(rays, pose, kFinestEdges), pose);
     mode.score = mode.cells.sum() + LogPrior(prior_, pose);
     return mode;
-  }
-
-  // Of the last picture.
-  double MedianDistance() const {
-    std::vector<float> distances;
-    for (const float distance : frame_.distance) {
-      if (distance > 0) distances.push_back(distance);
-    }
-    return distances.empty() ? 0 : UpperMedianInPlace(std::span(distances));
-  }
-
-  // The best ones that are further than so many pixels from every better one.
-  std::vector<Scored> Distinct(const EdgeImage& image, std::vector<Scored> all, size_t most,
-                               double apart_px) const {
-    const double turn_rad = apart_px / image.camera().MeanFocalPx();
-    const double shift = turn_rad * MedianDistance();
-    std::stable_sort(all.begin(), all.end(),
-                     [](const Scored& a, const Scored& b) { return a.score > b.score; });
-    std::vector<Scored> kept;
-    for (const Scored& scored : all) {
-      if (kept.size() == most) break;
-      const bool is_new = std::none_of(kept.begin(), kept.end(), [&](const Scored& better) {
-        const Rigid3& a = better.cam_from_world;
-        const Rigid3& b = scored.cam_from_world;
-        return AngleBetweenDeg(a.rotation, b.rotation) * kRadPerDeg < turn_rad &&
-               (a.OriginInSource() - b.OriginInSource()).norm() < shift;
-      });
-      if (is_new) kept.push_back(scored);
-    }
-    return kept;
   }
 
   FrameRenderer renderer_;
   PosePrior prior_;
   Rng rng_;
   Frame frame_;
+  double distance_ = 0;  // of what is seen from the prior, the median
   size_t num_tried_ = 0;
 };
 
@@ -280,30 +359,21 @@ class Search {
 FoundByEdges SearchByEdges(const std::shared_ptr<const RayCaster>& mesh, const Image& gray,
                            const Camera& camera, const PosePrior& prior, uint64_t seed) {
   Search search(mesh, prior, seed);
-  std::vector<Scored> poses;
-  for (const Level& level : kLevels) {
-    const EdgeImage image = ImageAt(gray, camera, level.side_px);
-    if (poses.empty()) poses = search.ExplorePrior(image, level);
-    search.Improve(image, level, poses);
-  }
-  const EdgeImage image = ImageAt(gray, camera, kFinest.side_px);
+  const EdgeImage coarse = ImageAt(gray, camera, kCoarsePx, 1);
+  const auto poses = search.Modes(ImageAt(gray, camera, kCoarsePx, kExploreSigmaPx), coarse);
+  const EdgeImage image = ImageAt(gray, camera, kFinestPx, 1);
   return search.Finish(image, poses);
 }
 
 double ConfidenceOf(const FoundByEdges& found) {
   if (found.modes.empty()) return 0;
-  const auto tail = [](const CellScores& scores) {
-    const double squares = scores.square().sum();
-    if (!(squares > 0)) return 0.5;
-    return 0.5 * std::erfc(scores.sum() / std::sqrt(2 * squares));
-  };
   const EdgeMode& best = found.modes.front();
-  double right = std::max(0.0, 1 - static_cast<double>(found.num_tried) * tail(best.cells));
+  double right = std::max(0.0, 1 - static_cast<double>(found.num_tried) * ChanceOf(best.cells));
   for (size_t i = 1; i < found.modes.size(); ++i) {
     const EdgeMode& other = found.modes[i];
     const Vector6d step = StepBetween(best.fit.cam_from_world, other.fit.cam_from_world);
     if (step.dot(best.fit.covariance.ldlt().solve(step)) < kSameMode) continue;
-    right *= 1 - tail(best.cells - other.cells);
+    right *= 1 - ChanceOf(best.cells - other.cells);
   }
   return right;
 }

@@ -20,6 +20,8 @@ constexpr double kLeastJump = 0.02;
 // Edges must be this many times as strong as the median of all places, which the roughness of the
 // mesh makes.
 constexpr double kAboveRoughness = 5;
+// Every so manieth line tells the medians.
+constexpr int kLinesPerMedian = 4;
 // The pieces of an edge within this distance tell its direction.
 constexpr int kAlongPx = 3;
 
@@ -58,10 +60,19 @@ class Strengths {
 
   // The cosine's complement of the turn between i and i + 1: 1 - cos.
   double Turn(size_t begin, int i) const {
+    bool is_flat = true;
+    for (int k = 1 - kSide; is_flat && k < kSide; ++k) is_flat = HaveOneNormal(begin, i + k);
+    if (is_flat) return 0;
     return 1 - Normal(begin, i, -1).dot(Normal(begin, i + 1, 1));
   }
 
  private:
+  bool HaveOneNormal(size_t begin, int i) const {
+    if (!Hit(begin, i) || !Hit(begin, i + 1)) return false;
+    const float* first = &frame_.normals[3 * At(begin, i)];
+    return std::equal(first, first + 3, &frame_.normals[3 * At(begin, i + 1)]);
+  }
+
   Eigen::Vector3d Normal(size_t begin, int from, int sign) const {
     Eigen::Vector3d sum = Eigen::Vector3d::Zero();
     for (int k = 0; k < kSide && Hit(begin, from + sign * k); ++k) {
@@ -90,12 +101,15 @@ class CrossingFinder {
     turn_.assign(count, -1);
     std::vector<float> jumps;
     std::vector<float> turns;
-    ForEachLine([&](size_t begin, int) {
+    ForEachLine([&](size_t begin, int line) {
       for (int i = 0; i + 1 < strengths_.size(); ++i) {
         if (!strengths_.Hit(begin, i) || !strengths_.Hit(begin, i + 1)) continue;
         const size_t at = strengths_.At(begin, i);
-        jumps.push_back(jump_[at] = static_cast<float>(strengths_.Jump(begin, i)));
-        turns.push_back(turn_[at] = static_cast<float>(strengths_.Turn(begin, i)));
+        jump_[at] = static_cast<float>(strengths_.Jump(begin, i));
+        turn_[at] = static_cast<float>(strengths_.Turn(begin, i));
+        if (line % kLinesPerMedian != 0) continue;
+        jumps.push_back(jump_[at]);
+        turns.push_back(turn_[at]);
       }
     });
     least_jump_ = std::max(kLeastJump, kAboveRoughness * Median(std::move(jumps)));
