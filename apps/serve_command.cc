@@ -146,6 +146,9 @@ void AddServerOptions(CLI::App& command, ServeFlags& flags) {
   group.Add("--tokens", server.tokens,
             "File of those who may ask: lines TOKEN [REQUESTS_PER_MINUTE], sent as\n"
             "\"Authorization: Bearer TOKEN\" (default: whoever reaches the port)");
+  group.Add("--session-key", server.session_key,
+            "File of 32 bytes or more that sign what clients carry of their walks:\n"
+            "the same for all replicas (default: random, of this process alone)");
   group.Add("--cors", server.cors_origin,
             "Origin of web pages that may ask from browsers (https://example.org)");
   group.Add("--keep", server.keep, "Folder to keep photographs and answers in (default: none)");
@@ -202,7 +205,8 @@ Command AddServeCommand(CLI::App& program) {
       command,
       R"(Prints "listening on URL" once the scenes are open. POST URL/v1/localize?scene=NAME takes a
 photograph as the part `image` of a form, and beside it a part `query`, JSON with name, camera
-("MODEL width height params...") and priors (lines of a priors file); it answers with a line of
+("MODEL width height params..."), priors (lines of a priors file) and session (a walk with
+odometry); it answers with a line of
 queries.jsonl, the same as `raylift localize` writes with the same calibration. What is wrong
 with a request is told as JSON that names the field. SIGTERM answers what is there and ends
 with 0; SIGHUP opens the scenes anew. URL/openapi.json describes the rest.

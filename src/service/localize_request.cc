@@ -1,6 +1,7 @@
 #include "service/localize_request.h"
 
 #include <array>
+#include <cmath>
 #include <set>
 #include <sstream>
 #include <utility>
@@ -13,6 +14,7 @@
 #include "service/problem.h"
 #include <fmt/format.h>
 
+#include "raylift/base/enum_names.h"
 #include "raylift/base/error.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/pose_priors.h"
@@ -45,6 +47,26 @@ void CheckPriors(std::string_view text, const JsonPlace& place) {
   }
 }
 
+WalkStep ReadSession(const JsonPlace& json) {
+  json.ExpectMembers({"token", "scale", "cam_from_odometry", "time_s"});
+  WalkStep step;
+  if (json.Has("token")) step.token = json.Member("token").String();
+  if (json.Has("scale")) {
+    const JsonPlace scale = json.Member("scale");
+    step.scale = FromName<OdometryScale>(scale.String());
+    if (!step.scale) scale.Fail("expected " + NameList<OdometryScale>());
+  }
+  constexpr double kMost = 1e9;
+  const JsonPlace pose = json.Member("cam_from_odometry");
+  pose.ExpectMembers({"qvec", "tvec"});
+  step.cam_from_odometry = {pose.Member("qvec").Rotation(), pose.Member("tvec").Vector<3>()};
+  if (!(step.cam_from_odometry.translation.norm() < kMost)) pose.Fail("is too far away");
+  const JsonPlace time = json.Member("time_s");
+  step.time_s = time.Number();
+  if (!(std::abs(step.time_s) < kMost * kMost)) time.Fail("is out of range");
+  return step;
+}
+
 QueryFacts ReadFacts(const JsonPlace& json) {
   QueryFacts facts;
   if (json.Has("name")) {
@@ -58,6 +80,7 @@ QueryFacts ReadFacts(const JsonPlace& json) {
     facts.priors = ReadLines(priors);
     CheckPriors(*facts.priors, priors);
   }
+  if (json.Has("session")) facts.session = ReadSession(json.Member("session"));
   return facts;
 }
 
@@ -141,16 +164,22 @@ LocalizeRequest OfJson(std::string_view body, const ReferencesByName& references
   CheckJson(body);
   const JsonDocument document(body, "body");
   const JsonPlace json = document.Root();
-  json.ExpectMembers({"name", "camera", "priors", "image", "features", "matches"});
+  json.ExpectMembers({"name", "camera", "priors", "session", "image", "features", "matches"});
   QueryFacts facts = ReadFacts(json);
   if (facts.name.empty()) facts.name = kUnnamed;
   const int given = static_cast<int>(json.Has("image")) + static_cast<int>(json.Has("features")) +
                     static_cast<int>(json.Has("matches"));
   if (given != 1) json.Fail("expected one of image, features and matches");
-  if (json.Has("features")) return OfFeatures(json, facts);
-  if (json.Has("matches")) return OfMatches(json, facts, references);
-  const std::string text = json.Member("image").String();
-  return RequestOfPicture(InField("image", [&] { return DecodeBase64(text); }), facts, max_pixels);
+  const auto read = [&] {
+    if (json.Has("features")) return OfFeatures(json, facts);
+    if (json.Has("matches")) return OfMatches(json, facts, references);
+    const std::string text = json.Member("image").String();
+    return RequestOfPicture(InField("image", [&] { return DecodeBase64(text); }), facts,
+                            max_pixels);
+  };
+  LocalizeRequest request = read();
+  request.session = std::move(facts.session);
+  return request;
 }
 
 struct Form {
@@ -184,14 +213,17 @@ QueryFacts FactsOfForm(const std::string& query) {
   CheckJson(query);
   const JsonDocument document(query, "query");
   const JsonPlace json = document.Root();
-  json.ExpectMembers({"name", "camera", "priors"});
+  json.ExpectMembers({"name", "camera", "priors", "session"});
   return ReadFacts(json);
 }
 
 LocalizeRequest OfFormPicture(const BatchEntry& photograph, QueryFacts facts, uint64_t max_pixels) {
   if (facts.name.empty()) facts.name = photograph.name;
   if (!IsName(facts.name)) throw Problem(400, "image", fmt::format("file name: {}", kNameIs));
-  return RequestOfPicture(std::string(photograph.bytes), facts, max_pixels, {.facts = "query"});
+  LocalizeRequest request =
+      RequestOfPicture(std::string(photograph.bytes), facts, max_pixels, {.facts = "query"});
+  request.session = std::move(facts.session);
+  return request;
 }
 
 }  // namespace
@@ -285,6 +317,9 @@ BatchRequest ReadBatchRequest(std::string_view content_type, std::string_view bo
   BatchRequest batch{.photographs = std::move(form.images), .facts = FactsOfForm(form.query)};
   if (!batch.facts.name.empty()) {
     throw Problem(400, "query.name", "query: name: each photograph has its file's");
+  }
+  if (batch.facts.session) {
+    throw Problem(400, "query.session", "query: session: is of one photograph at a time");
   }
   return batch;
 }

@@ -14,20 +14,31 @@
 #include "pictures/exif.h"
 
 #include "raylift/base/error.h"
+#include "raylift/geometry/rigid3.h"
 #include "raylift/localization/match_source.h"
 #include "raylift/scene/features.h"
 #include "raylift/scene/image.h"
 #include "raylift/scene/photographs.h"
+#include "raylift/sequences/smoothing.h"
 
 namespace raylift {
 
 // References by their names.
 using ReferencesByName = std::map<std::string, const PosedImage*, std::less<>>;
 
+// The photograph's place in a walk of its client.
+struct WalkStep {
+  std::string token;                   // of the answer before; empty: the walk begins with it
+  std::optional<OdometryScale> scale;  // nullopt: as before, known at first
+  Rigid3 cam_from_odometry;
+  double time_s = 0;
+};
+
 struct LocalizeRequest {
   Query query;
   std::variant<Image, Features, QueryMatches> evidence;
   std::string picture_bytes = {};  // of the photograph's file, where there is one
+  std::optional<WalkStep> session = std::nullopt;
 };
 
 // Reads the body of a request:
@@ -37,9 +48,10 @@ struct LocalizeRequest {
 //                         height, keypoints: [[x, y], ...], descriptors: [[128 numbers], ...]) and
 //                         "matches": [{reference, query_px: [[x, y], ...], reference_px}, ...]
 //
-// "query" holds "name", "camera" ("MODEL width height params...", as in a query list) and "priors"
-// (lines of a priors file), each of which may be left out: the name is then the file's, and the
-// camera what EXIF says or an unknown focal length. Pixels are COLMAP's. Throws Problem, or
+// "query" holds "name", "camera" ("MODEL width height params...", as in a query list), "priors"
+// (lines of a priors file) and "session" (token, scale, cam_from_odometry: {qvec, tvec}, time_s),
+// each of which may be left out: the name is then the file's, the camera what EXIF says or an
+// unknown focal length, and the photograph is no walk's. Pixels are COLMAP's. Throws Problem, or
 // InputError "FIELD: ..." for what cannot be used.
 LocalizeRequest ReadLocalizeRequest(std::string_view content_type, std::string_view body,
                                     const ReferencesByName& references, uint64_t max_pixels);
@@ -48,6 +60,7 @@ LocalizeRequest ReadLocalizeRequest(std::string_view content_type, std::string_v
 struct QueryFacts {
   std::string name = {};
   std::optional<std::string> camera = std::nullopt, priors = std::nullopt;
+  std::optional<WalkStep> session = std::nullopt;
 };
 
 // The photographs of a form with several, each a request. The camera of "query" is that of all of
@@ -58,7 +71,7 @@ struct BatchEntry {
 };
 struct BatchRequest {
   std::vector<BatchEntry> photographs;
-  QueryFacts facts;  // without a name
+  QueryFacts facts;  // without a name and a session
 };
 BatchRequest ReadBatchRequest(std::string_view content_type, std::string_view body);
 LocalizeRequest ReadBatchEntry(const BatchRequest& batch, size_t index, uint64_t max_pixels);

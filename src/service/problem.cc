@@ -58,6 +58,8 @@ const char* PhraseOf(int status) {
                                                       {401, "Unauthorized"},
                                                       {404, "Not Found"},
                                                       {405, "Method Not Allowed"},
+                                                      {409, "Conflict"},
+                                                      {410, "Gone"},
                                                       {413, "Content Too Large"},
                                                       {415, "Unsupported Media Type"},
                                                       {422, "Unprocessable Content"},

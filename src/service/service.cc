@@ -11,6 +11,7 @@
 #include "service/documents.h"
 #include "service/geopose.h"
 #include "service/scene_place.h"
+#include "service/scene_walks.h"
 #include <fmt/chrono.h>
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -23,19 +24,33 @@
 
 namespace raylift {
 
+// Returns a line that is an object with another member at its end.
+static std::string WithMember(std::string line, std::string_view name, const std::string& json) {
+  line.pop_back();  // the brace
+  return fmt::format("{},\"{}\":{}}}", line, name, json);
+}
+
 struct Service::Opened {
   ServedScene scene;
   ReferencesByName references;
+  SceneWalks walks;
   std::unique_ptr<const ScenePlace> place;  // null: it is not known
 
+  Opened(const WalkTokens& tokens, ServedScene opened)
+      : scene(std::move(opened)), walks(tokens, scene) {}
+
   // A line of queries.jsonl; and as GeoPose where the place is known.
-  std::string Line(const LocalizedQuery& localized) const {
-    std::string line = FormatQueryDiagnostics(localized);
+  std::string Line(const LocalizedQuery& query) const {
+    return WithPlace(FormatQueryDiagnostics(query), query);
+  }
+  std::string Line(const WalkedQuery& query) const {
+    return WithPlace(FormatQueryDiagnostics(query), query.localized);
+  }
+  std::string WithPlace(std::string line, const LocalizedQuery& localized) const {
     if (!place || !localized.localized()) return line;
     const auto camera = place->CameraOf(localized.estimate);
     if (!camera) return line;
-    line.pop_back();
-    return line + ",\"geopose\":" + JsonText(camera->geopose) + '}';
+    return WithMember(std::move(line), "geopose", JsonText(camera->geopose));
   }
 };
 
@@ -161,15 +176,17 @@ void AnswerWatch::Check() const {
   throw TryLater(503, "the photograph could not be localized in time");
 }
 
-Service::Service(const ServerOptions& options) : options_(options) {
+Service::Service(const ServerOptions& options)
+    : options_(options), walk_tokens_(options.session_key) {
   if (!options.tokens.empty()) tokens_ = std::make_unique<Tokens>(options.tokens);
   if (!options.keep.empty()) RequireWritable(options.keep / "photograph");
 }
 
 void Service::Take(std::vector<ServedScene> scenes) {
   auto opened = std::make_shared<OpenedScenes>();
-  for (ServedScene& scene : scenes) {
-    auto entry = std::make_shared<Opened>();
+  for (ServedScene& given : scenes) {
+    auto entry = std::make_shared<Opened>(walk_tokens_, std::move(given));
+    const ServedScene& scene = entry->scene;
     for (const PosedImage& image : scene.localizer->scene().references.images) {
       entry->references.emplace(image.name, &image);
     }
@@ -184,8 +201,7 @@ void Service::Take(std::vector<ServedScene> scenes) {
       const auto warning = entry->place->Warning();
       if (warning && options_.log) options_.log(*warning);
     }
-    entry->scene = std::move(scene);
-    const std::string name = entry->scene.name;
+    const std::string name = scene.name;
     if (!opened->emplace(name, std::move(entry)).second) {
       throw InputError(fmt::format("two scenes have the name {}", name));
     }
@@ -334,8 +350,18 @@ HttpAnswer Service::AnswerLocalize(const HttpRequest& request, const AnswerWatch
     return ReadLocalizeRequest(request.content_type, request.body, opened->references,
                                options_.limits.pixels);
   });
+  const std::optional<WalkStep> step = std::move(read.session);
+  ServedWalk walk = step ? opened->walks.Before(*step) : ServedWalk{};
+  const Query query = read.query;
   const LocalizedQuery localized = Run(*opened, std::move(read), watch);
-  HttpAnswer answer{.body = opened->Line(localized)};
+  HttpAnswer answer;
+  if (step) {
+    const SceneWalks::Walked walked = opened->walks.GoOn(
+        std::move(walk), {query, localized, step->cam_from_odometry, step->time_s});
+    answer.body = WithMember(opened->Line(walked.query), "session", walked.session);
+  } else {
+    answer.body = opened->Line(localized);
+  }
   answer.headers.emplace_back("Server-Timing", ServerTiming(localized.times));
   return answer;
 }

@@ -20,6 +20,7 @@
 #include "service/metrics.h"
 #include "service/problem.h"
 #include "service/tokens.h"
+#include "service/walk_tokens.h"
 
 #include "raylift/service/server.h"
 
@@ -113,6 +114,7 @@ class Service {
 
   const ServerOptions options_;
   std::unique_ptr<Tokens> tokens_;  // null: everybody may ask
+  const WalkTokens walk_tokens_;
   Metrics metrics_;
   std::atomic<uint64_t> num_kept_ = 0;
   mutable std::mutex mutex_;

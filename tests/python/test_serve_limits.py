@@ -217,7 +217,7 @@ def test_the_ready_files_name_options_that_there_are():
     used = {}
     for name in ("raylift.service", "compose.yaml", "kubernetes.yaml"):
         used[name] = set(re.findall(r"--[a-z][a-z-]+", (folder / name).read_text()))
-        assert used[name] >= {"--scene-calibration", "--cache", "--tokens"}
+        assert used[name] >= {"--scene-calibration", "--cache", "--tokens", "--session-key"}
         assert all(f"  {option} " in known for option in used[name]), used[name]
     yaml = pytest.importorskip("yaml")
     kinds = [part["kind"] for part in yaml.safe_load_all((folder / "kubernetes.yaml").read_text())]

@@ -10,7 +10,7 @@ import urllib.parse
 import urllib.request
 import uuid
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Dict, List, Optional, Sequence, Union
+from typing import TYPE_CHECKING, Any, Dict, List, Mapping, Optional, Sequence, Union
 
 from . import _core
 
@@ -38,12 +38,14 @@ class Client:
 
     def localize(self, image: Union[PathLike, bytes], *, name: Optional[str] = None,
                  camera: Union[str, _core.Camera, None] = None, priors: Union[str, Sequence[str], None] = None,
-                 scene: Optional[str] = None) -> Dict[str, Any]:
+                 scene: Optional[str] = None, session: Optional[Mapping[str, Any]] = None) -> Dict[str, Any]:
         """A photograph's line of queries.jsonl, as a dict: verdict, confidence, cam_from_world, counts.
 
         image: the photograph's file, or its bytes. name: its own by default. camera: "MODEL width
         height params..."; by default what EXIF says or an unknown focal length. priors: lines of a
-        priors file. scene: may be left out where there is one.
+        priors file. scene: may be left out where there is one. session: the photograph's place in a walk
+        with odometry, a dict of cam_from_odometry (qvec and tvec), time_s and, but for the first, the token
+        that the answer before has in its own `session`.
 
         Raises InputError where the server refuses the request, and ConnectionError where it cannot
         answer.
@@ -52,7 +54,8 @@ class Client:
         if name is None:
             name = "photograph" if isinstance(image, bytes) else Path(image).name
         known = {"name": name, "camera": None if camera is None else str(camera),
-                 "priors": priors if priors is None or isinstance(priors, str) else list(priors)}
+                 "priors": priors if priors is None or isinstance(priors, str) else list(priors),
+                 "session": None if session is None else dict(session)}
         query = json.dumps({key: value for key, value in known.items() if value is not None})
         boundary = uuid.uuid4().hex
         body = b"".join([

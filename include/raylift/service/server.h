@@ -63,8 +63,11 @@ struct ServerOptions {
   int threads = 0;                   // photographs at once; 0: one for each core
   ServerLimits limits = {};
   std::filesystem::path tokens = {};  // empty: whoever reaches it may ask
-  std::filesystem::path keep = {};    // folder for photographs and answers; empty: none is kept
-  std::string cors_origin = {};       // of pages that browsers may use it from; empty: none
+  // Signs what clients carry of their walks: replicas of one service have the same. Empty: a random
+  // one, so that no other process takes these tokens.
+  std::filesystem::path session_key = {};
+  std::filesystem::path keep = {};  // folder for photographs and answers; empty: none is kept
+  std::string cors_origin = {};     // of pages that browsers may use it from; empty: none
   std::function<void(const std::string& message)> log = {};  // from any thread
 };
 

@@ -1,0 +1,178 @@
+#include "service/walk_tokens.h"
+
+#include <bit>
+#include <cstring>
+#include <optional>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "service/localize_request.h"
+#include "service/problem.h"
+#include <fmt/format.h>
+#include <openssl/crypto.h>
+#include <openssl/evp.h>
+#include <openssl/hmac.h>
+#include <openssl/rand.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+
+namespace raylift {
+namespace {
+
+static_assert(std::endian::native == std::endian::little);
+
+constexpr std::string_view kVersion = "rl-walk1";
+constexpr size_t kKeyBytes = 32;
+constexpr size_t kSignatureBytes = 32;
+constexpr const char* kField = "session.token";
+constexpr std::chrono::hours kLifetime(1);
+
+// Puts values behind each other as bytes, or takes them from there.
+class Bytes {
+ public:
+  explicit Bytes(std::string* written) : written_(written) {}
+  explicit Bytes(std::string_view read) : read_(read) {}
+
+  template <typename T>
+  void Block(std::span<T> values) {
+    if (written_ != nullptr) {
+      written_->append(reinterpret_cast<const char*>(values.data()), values.size_bytes());
+      return;
+    }
+    RAYLIFT_CHECK(read_.size() >= values.size_bytes());
+    std::memcpy(values.data(), read_.data(), values.size_bytes());
+    read_.remove_prefix(values.size_bytes());
+  }
+  template <typename T>
+  void Number(T& value) {
+    Block(std::span<T>(&value, 1));
+  }
+  template <typename T>
+  void Optional(std::optional<T>& value) {
+    char has = value ? 1 : 0;
+    Number(has);
+    if (has != 0 && !value) value.emplace();
+    if (has != 0) Value(*value);
+  }
+  template <typename T>
+  void List(std::vector<T>& values) {
+    auto size = static_cast<uint32_t>(values.size());
+    Number(size);
+    values.resize(size);
+    for (T& value : values) Value(value);
+  }
+
+  void Value(double& value) { Number(value); }
+  void Value(Rigid3& pose) {
+    Block(std::span<double>(pose.rotation.coeffs().data(), 4));
+    Block(std::span<double>(pose.translation.data(), 3));
+  }
+  void Value(SinglePose& single) {
+    Value(single.cam_from_world);
+    Block(std::span<double>(single.covariance.data(), 36));
+    Value(single.confidence);
+  }
+  void Value(WalkEvidence& frame) {
+    Value(frame.cam_from_odometry);
+    Optional(frame.single);
+    Value(frame.since_before.way);
+    Value(frame.since_before.turn_deg);
+  }
+  void Value(ServedWalk& walk) {
+    Number(walk.scale);
+    Optional(walk.state.last_time_s);
+    List(walk.state.frames);
+  }
+
+ private:
+  std::string* written_ = nullptr;
+  std::string_view read_;
+};
+
+// What stands before the walk.
+struct Header {
+  char version[kVersion.size()];
+  uint64_t scene;
+  int64_t sealed_s;
+};
+
+int64_t SecondsOf(WalkTokens::Time time) {
+  return std::chrono::duration_cast<std::chrono::seconds>(time.time_since_epoch()).count();
+}
+
+std::string Base64(std::string_view bytes) {
+  std::string text((bytes.size() + 2) / 3 * 4 + 1, '\0');  // OpenSSL adds the end of a string
+  const int size = EVP_EncodeBlock(reinterpret_cast<unsigned char*>(text.data()),
+                                   reinterpret_cast<const unsigned char*>(bytes.data()),
+                                   static_cast<int>(bytes.size()));
+  text.resize(static_cast<size_t>(size));
+  return text;
+}
+
+Problem IsForged() { return {400, kField, "session: token: expected one of this service"}; }
+
+}  // namespace
+
+WalkTokens::WalkTokens(const std::filesystem::path& key_file) {
+  if (!key_file.empty()) {
+    key_ = ReadFile(key_file);
+    if (key_.size() >= kKeyBytes) return;
+    throw InputError(key_file, fmt::format("expected a key of {} bytes at least, found {}",
+                                           kKeyBytes, key_.size()));
+  }
+  key_.resize(kKeyBytes);
+  if (RAND_bytes(reinterpret_cast<unsigned char*>(key_.data()), kKeyBytes) == 1) return;
+  throw ResourceError("the system gives no random numbers");
+}
+
+std::string WalkTokens::Signature(std::string_view bytes) const {
+  std::string signature(kSignatureBytes, '\0');
+  unsigned int size = 0;
+  const auto* const made = HMAC(EVP_sha256(), key_.data(), static_cast<int>(key_.size()),
+                                reinterpret_cast<const unsigned char*>(bytes.data()), bytes.size(),
+                                reinterpret_cast<unsigned char*>(signature.data()), &size);
+  if (made == nullptr || size != kSignatureBytes) throw std::bad_alloc();
+  return signature;
+}
+
+std::string WalkTokens::Seal(ServedWalk walk, uint64_t scene, Time now) const {
+  Header header{.version = {}, .scene = scene, .sealed_s = SecondsOf(now)};
+  kVersion.copy(header.version, kVersion.size());
+  std::string bytes;
+  Bytes writer(&bytes);
+  writer.Number(header);
+  writer.Value(walk);
+  return Base64(bytes + Signature(bytes));
+}
+
+ServedWalk WalkTokens::Open(std::string_view token, uint64_t scene, Time now) const {
+  std::string bytes;
+  try {
+    bytes = DecodeBase64(token);
+  } catch (const InputError&) {
+    throw IsForged();
+  }
+  if (bytes.size() < sizeof(Header) + kSignatureBytes) throw IsForged();
+  const std::string given = bytes.substr(bytes.size() - kSignatureBytes);
+  bytes.resize(bytes.size() - kSignatureBytes);
+  if (CRYPTO_memcmp(given.data(), Signature(bytes).data(), kSignatureBytes) != 0) throw IsForged();
+  Bytes reader{std::string_view(bytes)};
+  Header header;
+  reader.Number(header);
+  if (std::string_view(header.version, kVersion.size()) != kVersion) {
+    throw Problem(410, kField, "session: token: is of another version");
+  }
+  if (SecondsOf(now) - header.sealed_s > std::chrono::seconds(kLifetime).count()) {
+    throw Problem(410, kField, "session: token: is more than an hour old");
+  }
+  if (header.scene != scene) {
+    throw Problem(409, kField, "session: token: is of another scene, or the scene has changed");
+  }
+  ServedWalk walk;
+  reader.Value(walk);
+  return walk;
+}
+
+}  // namespace raylift
