@@ -215,8 +215,11 @@ Walk ReadWalk(const path& file, const path& times, std::span<const std::string> 
                                         : PosesInOrder(file, names, odometry.in_order),
               known, names, walk);
   }
+  const bool moves_camera = cam_from_body.translation.isZero(0) &&
+                            cam_from_body.rotation.coeffs() == Rigid3{}.rotation.coeffs();
   for (WalkFrame& frame : walk.frames) {
-    frame.cam_from_odometry = cam_from_body * frame.cam_from_odometry;
+    // Poses of the camera itself stay as they are read, to the bit.
+    if (!moves_camera) frame.cam_from_odometry = cam_from_body * frame.cam_from_odometry;
   }
   std::stable_sort(walk.frames.begin(), walk.frames.end(),
                    [](const WalkFrame& a, const WalkFrame& b) { return a.time_s < b.time_s; });
