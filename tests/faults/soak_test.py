@@ -82,7 +82,8 @@ class Soak:
     def ask_well(self, connection, which):
         while True:
             found, expected = room.post(connection, self.good[which]), self.expected[which]
-            self.note(found[0], None if found == expected or found[0] == 429 else f"{found}, but before {expected}"[:1000])
+            is_well = found == expected or found[0] == 429
+            self.note(found[0], None if is_well else f"{found}, but before {expected}"[:1000])
             if found[0] != 429:  # as too many batches are
                 return
             time.sleep(0.01)
@@ -128,7 +129,8 @@ def main():
             wrong += soak.wrong
             told = f"{count} requests with {kind} in {time.monotonic() - begin:.0f} s: {soak.statuses}"
             if count > WARM_REQUESTS:
-                told += f", resident memory grows by {100 * (soak.growth() - 1):.1f} % of {soak.resident[1][1] >> 20} MiB"
+                told += (f", resident memory grows by {100 * (soak.growth() - 1):.1f} %"
+                         f" of {soak.resident[1][1] >> 20} MiB")
                 if kind == "matches" and not is_sanitized and soak.growth() > MOST_GROWTH:
                     wrong.append(f"resident memory: {soak.resident}")
             print(told, flush=True)
