@@ -399,9 +399,10 @@ class TilesetWalk {
 
 }  // namespace
 
-Vector3d CenterOfTileset(const path& root_file) {
+std::optional<Vector3d> CenterOfTileset(const path& root_file) {
   const JsonDocument document(ReadFile(root_file), root_file);
   const JsonPlace json = document.Root();
+  if (!json.Has("root")) return std::nullopt;
   const JsonPlace root = json.Member("root");
   return CenterOf(root, TransformOf(root));
 }

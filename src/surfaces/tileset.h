@@ -5,6 +5,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -31,8 +32,8 @@ struct Tileset {
 // root's, or on a network.
 Tileset ListTiles(const std::filesystem::path& root_file, double max_error);
 
-// Returns that center alone.
-Eigen::Vector3d CenterOfTileset(const std::filesystem::path& root_file);
+// Returns that center alone; nullopt where JSON is none of a tileset.
+std::optional<Eigen::Vector3d> CenterOfTileset(const std::filesystem::path& root_file);
 
 // What a tile's file holds, in the frame of the root.
 struct TileMeshes {

@@ -130,8 +130,9 @@ void Shorten(std::vector<std::string>& warnings) {
 
 }  // namespace
 
-bool IsEarthCentered(const path& tileset) {
-  return PlaceOnEarth(CenterOfTileset(tileset)).has_value();
+bool IsEarthCentered(const path& file) {
+  const auto center = CenterOfTileset(file);
+  return center && PlaceOnEarth(*center);
 }
 
 TriangleMesh ReadTileset(const path& file, const MeshReadOptions& options) {

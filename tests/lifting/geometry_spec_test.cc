@@ -42,6 +42,7 @@ TEST(MakeGeometrySource, OpensAMeshAndPassesItsWarningsOn) {
 TEST(MakeGeometrySource, AFileAloneIsOfTheKindThatItsNameSays) {
   EXPECT_EQ(GeometrySpecOf("a/b.obj,far=3"), "mesh:a/b.obj,far=3");
   EXPECT_EQ(GeometrySpecOf("a/B.OBJ"), "mesh:a/B.OBJ");
+  EXPECT_EQ(GeometrySpecOf("a/tileset.json"), "mesh:a/tileset.json");
   EXPECT_EQ(GeometrySpecOf("scan.las"), "cloud:scan.las");
   for (const std::string text : {"mesh:a.obj", "depth:a.obj", "room=a.obj", "maps", "sfm", ""}) {
     EXPECT_EQ(GeometrySpecOf(text), text);

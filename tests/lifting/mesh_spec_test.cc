@@ -177,8 +177,10 @@ TEST(InWorld, TilesOnTheEarthAreLedToItUnlessTheySayWhere) {
   };
   const std::string on_earth = tileset("earth.json", "3741100,652926,5107187");
   const std::string local = tileset("local.json", "10,20,30");
-  const std::vector<std::string> specs = {on_earth, local, on_earth + ",crs=EPSG:4978",
-                                          "mesh:a.ply", "sfm"};
+  WriteFile(folder / "city.json", "{}");
+  const std::vector<std::string> specs = {
+      on_earth,     local, on_earth + ",crs=EPSG:4978", "mesh:" + (folder / "city.json").string(),
+      "mesh:a.ply", "sfm"};
   EXPECT_EQ(InWorld(specs, std::nullopt), specs);
   std::vector<std::string> led = specs;
   led[0] += ",crs=EPSG:25832@1/2/-3";

@@ -26,9 +26,8 @@ struct TileOptions {
   std::optional<WorldFrame> world = std::nullopt;
 };
 
-// Returns whether the center of a tileset's root is at the ground of the earth. Throws InputError
-// where the file is no tileset.
-bool IsEarthCentered(const std::filesystem::path& tileset);
+// Returns whether a file is of a tileset whose root's center is at the ground of the earth.
+bool IsEarthCentered(const std::filesystem::path& file);
 
 struct MeshReadOptions {
   int threads = 0;  // <= 0: all; never changes the mesh
