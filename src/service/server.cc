@@ -5,6 +5,7 @@
 #include <csignal>
 #include <cstdint>
 #include <exception>
+#include <new>
 #include <string_view>
 #include <system_error>
 #include <thread>
@@ -21,6 +22,7 @@ namespace raylift {
 namespace {
 
 constexpr std::chrono::milliseconds kAcceptAgain(100);
+constexpr std::chrono::milliseconds kSignalAgain(10);
 
 }  // namespace
 
@@ -127,18 +129,28 @@ class Server::Impl {
     socket.shutdown(tcp::socket::shutdown_send, ignored);
   }
 
+  // Where there is no memory to wait, it waits for that: no signal is lost.
   void WaitForSignal() {
-    signals_.async_wait([this](error_code error, int signal) {
-      if (error) return;
-      WaitForSignal();  // first: what follows may end the waiting
-      if (signal == SIGHUP) {
-        Reopen();
-      } else if (shared_.is_draining) {
-        shared_.io.stop();
-      } else {
-        Drain();
+    while (true) {
+      try {
+        return signals_.async_wait([this](error_code error, int signal) {
+          if (!error) OnSignal(signal);
+        });
+      } catch (const std::bad_alloc&) {
+        std::this_thread::sleep_for(kSignalAgain);
       }
-    });
+    }
+  }
+
+  void OnSignal(int signal) {
+    WaitForSignal();  // first: what follows may end the waiting
+    if (signal == SIGHUP) {
+      Reopen();
+    } else if (shared_.is_draining) {
+      shared_.io.stop();
+    } else {
+      Drain();
+    }
   }
 
   void Drain() {
