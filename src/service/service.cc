@@ -10,6 +10,7 @@
 #include "localization/results/result_json.h"
 #include "service/documents.h"
 #include "service/geopose.h"
+#include "service/mesh_view.h"
 #include "service/scene_place.h"
 #include "service/scene_walks.h"
 #include <fmt/chrono.h>
@@ -59,6 +60,7 @@ namespace {
 constexpr std::string_view kLocalizePath = "/v1/localize";
 constexpr std::string_view kBatchPath = "/v1/localize/batch";
 constexpr std::string_view kGeoPosePath = "/geopose";
+constexpr std::string_view kViewPath = "/v1/view";
 constexpr std::array<std::string_view, 6> kGetPaths = {"/",       "/v1/scenes", "/healthz",
                                                        "/readyz", "/metrics",   "/openapi.json"};
 
@@ -67,7 +69,7 @@ bool IsGet(std::string_view path) {
 }
 
 bool IsPost(std::string_view path) {
-  return path == kLocalizePath || path == kBatchPath || path == kGeoPosePath;
+  return path == kLocalizePath || path == kBatchPath || path == kGeoPosePath || path == kViewPath;
 }
 
 // Undecoded: all of ours are plain.
@@ -385,6 +387,12 @@ const Service::Opened& Service::NearestOf(std::span<const std::shared_ptr<const 
   throw Problem(404, "scene", "scene: none is near to where the photograph was taken");
 }
 
+HttpAnswer Service::AnswerView(const HttpRequest& request) const {
+  const auto opened = SceneOf(request);
+  return {.content_type = "image/jpeg",
+          .body = RenderView(ReadViewRequest(request.body), opened->scene.localizer->scene())};
+}
+
 HttpAnswer Service::AnswerGeoPose(const HttpRequest& request, const AnswerWatch& watch) {
   const auto placed = PlacedScenesOf(request);
   GeoPoseRequest read =
@@ -406,8 +414,9 @@ HttpAnswer Service::Localize(const HttpRequest& request, const AnswerWatch& watc
   try {
     return AsProblems(options_, [&] {
       watch.Check();
-      HttpAnswer answer = PathOf(request) == kGeoPosePath ? AnswerGeoPose(request, watch)
-                                                          : AnswerLocalize(request, watch);
+      HttpAnswer answer = PathOf(request) == kViewPath      ? AnswerView(request)
+                          : PathOf(request) == kGeoPosePath ? AnswerGeoPose(request, watch)
+                                                            : AnswerLocalize(request, watch);
       Complete(request, answer);
       return answer;
     });

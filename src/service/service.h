@@ -68,7 +68,7 @@ class Service {
                                        const ReadGauges& gauges);
   static bool IsBatch(const HttpRequest& request);
 
-  // Answers a photograph: on /v1/localize or /geopose.
+  // Answers what takes a thread: a photograph on /v1/localize or /geopose, and /v1/view.
   HttpAnswer Localize(const HttpRequest& request, const AnswerWatch& watch);
 
   // Photographs of one request, one after the other.
@@ -96,6 +96,7 @@ class Service {
   using OpenedScenes = std::map<std::string, std::shared_ptr<const Opened>>;
 
   HttpAnswer AnswerLocalize(const HttpRequest& request, const AnswerWatch& watch);
+  HttpAnswer AnswerView(const HttpRequest& request) const;
   HttpAnswer AnswerGeoPose(const HttpRequest& request, const AnswerWatch& watch);
 
   // Counts an answer and adds what belongs to all of them.

@@ -3,6 +3,7 @@
 #include "fuzz/fuzz_targets.h"
 #include "service/geopose.h"
 #include "service/localize_request.h"
+#include "service/mesh_view.h"
 #include "service/multipart.h"
 #include "service/problem.h"
 #include "service/service.h"
@@ -83,6 +84,13 @@ std::vector<FuzzTarget> ServiceFuzzTargets() {
        "size imageBytes imageOrientation mirrored params model UNKNOWN modelParams "
        "geolocationReadings latitude longitude altitude accuracy altitudeAccuracy priorPoses "
        "position lon lat h"},
+      {"service_view", [](std::string_view bytes) { AsInput([&] { ReadViewRequest(bytes); }); },
+       [] {
+         return std::vector<std::string>{
+             R"({"camera": "PINHOLE 2 1 3 4 1 0.5",)"
+             R"( "cam_from_world": {"qvec": [1, 0, 0, 0], "tvec": [1, 2, 3]}})"};
+       },
+       "camera PINHOLE cam_from_world qvec tvec"},
       {"service_target", [](std::string_view bytes) { AsInput([&] { ParseParameters(bytes); }); },
        [] { return std::vector<std::string>{"/v1/localize?scene=a%20b"}; },
        "/v1/localize ? scene= & %2F +"},

@@ -142,6 +142,32 @@ def test_what_is_wrong_with_a_request_is_named(server):
     problem(server.ask("/healthz", b"", method="POST"), 405)
 
 
+def test_a_view_is_what_the_camera_of_an_answer_sees(server, tmp_path):
+    import numpy as np
+    import raylift
+    name = sorted(QUERIES)[0]
+    asked = {"camera": QUERIES[name], "cam_from_world": json.loads(server.localize(name))["cam_from_world"]}
+
+    def view(**changes):
+        return server.ask("/v1/view", json.dumps({**asked, **changes}).encode(), {"Content-Type": "application/json"})
+
+    status, headers, body = view()
+    assert status == 200 and headers["Content-Type"] == "image/jpeg"
+    (tmp_path / "view.jpg").write_bytes(body)
+    seen = np.asarray(raylift.read_image(tmp_path / "view.jpg"), dtype=float)
+    taken = np.asarray(raylift.read_image(DEMO / "images" / name), dtype=float)
+    assert seen.shape == taken.shape
+    assert np.corrcoef(seen.ravel(), taken.ravel())[0, 1] > 0.8
+    (tmp_path / "large.jpg").write_bytes(view(camera="PINHOLE 6000 4000 5000 5000 3000 2000")[2])
+    assert raylift.read_image(tmp_path / "large.jpg").shape[:2] == (640, 960)
+    problem(view(camera="PINHOLE 640"), 400, "body.camera")
+    problem(view(more=1), 400, "body")
+    problem(view(cam_from_world={"qvec": [0, 0, 0, 0], "tvec": [0, 0, 0]}), 400, "body.cam_from_world.qvec")
+    problem(view(cam_from_world={"qvec": [1, 0, 0, 0]}), 400, "body.cam_from_world")
+    problem(server.ask("/v1/view?scene=no", b"{}"), 404, "scene")
+    problem(server.ask("/v1/view"), 405)
+
+
 def test_features_stand_for_the_image(server):
     import raylift
     name = sorted(QUERIES)[0]

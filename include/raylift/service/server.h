@@ -9,6 +9,7 @@
 //   POST /v1/localize?scene=NAME        one photograph; answers a line of queries.jsonl
 //   POST /v1/localize/batch?scene=NAME  several; answers a line each, as they are done
 //   POST /geopose?scene=NAME            the GeoPose Protocol of Open AR Cloud, version 2
+//   POST /v1/view?scene=NAME            what a camera sees of the scene, a JPEG
 //   GET  /v1/scenes /healthz /readyz /metrics /openapi.json /
 //
 // An answer depends on its request and the scene's calibration alone: it is that of the command

@@ -1,0 +1,98 @@
+"""The page of raylift serve in Chromium: a photograph is localized and lies under the mesh from its pose."""
+
+import base64
+import http.server
+import re
+import shutil
+import subprocess
+import threading
+import urllib.request
+
+import pytest
+
+from served import QUERIES, Server, photograph
+
+CHROMIUM = shutil.which("chromium")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
+
+# Chooses the photograph as a visitor would; what it then shows is told in the title.
+CHOOSE = """
+<script>
+(async () => {
+  const bytes = Uint8Array.from(atob("%s"), (c) => c.charCodeAt(0));
+  const scenes = setInterval(() => {
+    if (!$("scene").options.length) return;
+    clearInterval(scenes);
+    $("camera").value = "%s";
+    const chosen = new DataTransfer();
+    chosen.items.add(new File([bytes], "photo.jpg", {type: "image/jpeg"}));
+    $("file").files = chosen.files;
+    $("file").dispatchEvent(new Event("change"));
+  }, 20);
+  $("mesh").addEventListener("load", () => {
+    document.title = ["mesh", $("mesh").naturalWidth, $("mesh").naturalHeight,
+                      document.documentElement.scrollWidth <= innerWidth ? "fits" : "is too wide"].join(" ");
+  });
+})();
+</script>
+"""
+
+
+class Proxy(http.server.BaseHTTPRequestHandler):
+    """Hands requests on, and adds a script to the page."""
+    url = script = None
+
+    def do_GET(self):
+        with urllib.request.urlopen(self.url + self.path) as answer:
+            body = answer.read()
+            if self.path == "/":
+                body = body.replace(b"</body>", self.script.encode() + b"</body>")
+            self.answer(answer.status, answer.headers["Content-Type"], body)
+
+    def do_POST(self):
+        body = self.rfile.read(int(self.headers["Content-Length"]))
+        request = urllib.request.Request(self.url + self.path, data=body,
+                                         headers={"Content-Type": self.headers["Content-Type"]})
+        with urllib.request.urlopen(request) as answer:
+            self.answer(answer.status, answer.headers["Content-Type"], answer.read())
+
+    def answer(self, status, content_type, body):
+        self.send_response(status)
+        self.send_header("Content-Type", content_type)
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, *_):
+        pass
+
+
+def look(url, width, *options):
+    command = [CHROMIUM, "--headless=new", "--no-sandbox", "--disable-gpu", f"--window-size={width},1000",
+               "--virtual-time-budget=60000", *options, url]
+    return subprocess.run(command, capture_output=True, text=True, timeout=600, check=True).stdout
+
+
+@pytest.fixture(scope="module")
+def page():
+    name = sorted(QUERIES)[0]
+    Proxy.script = CHOOSE % (base64.b64encode(photograph(name)).decode(), QUERIES[name])
+    with Server("--crs", "EPSG:32632@500000,5400000,200") as server, \
+            http.server.ThreadingHTTPServer(("127.0.0.1", 0), Proxy) as proxy:
+        Proxy.url = server.url
+        threading.Thread(target=proxy.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{proxy.server_port}/"
+        proxy.shutdown()
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_photograph_is_seen_with_the_mesh_from_its_pose(page, tmp_path, width, scheme):
+    dark = ["--blink-settings=preferredColorScheme=0"] if scheme == "dark" else []
+    dom = look(page, width, *dark, "--dump-dom")
+    assert "photo.jpg: localized" in dom
+    assert re.search("<title>mesh 640 480 fits</title>", dom), re.search("<title>.*</title>", dom)
+    assert "On the earth" in dom
+    picture = tmp_path / f"{scheme}_{width}.png"
+    look(page, width, *dark, f"--screenshot={picture}")
+    assert picture.stat().st_size > 20000
