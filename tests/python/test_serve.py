@@ -161,7 +161,7 @@ def test_a_view_is_what_the_camera_of_an_answer_sees(server, tmp_path):
     (tmp_path / "large.jpg").write_bytes(view(camera="PINHOLE 6000 4000 5000 5000 3000 2000")[2])
     assert raylift.read_image(tmp_path / "large.jpg").shape[:2] == (640, 960)
     problem(view(camera="PINHOLE 640"), 400, "body.camera")
-    problem(view(more=1), 400, "body")
+    problem(view(more=1), 400, "body.more")
     problem(view(cam_from_world={"qvec": [0, 0, 0, 0], "tvec": [0, 0, 0]}), 400, "body.cam_from_world.qvec")
     problem(view(cam_from_world={"qvec": [1, 0, 0, 0]}), 400, "body.cam_from_world")
     problem(server.ask("/v1/view?scene=no", b"{}"), 404, "scene")
