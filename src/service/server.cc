@@ -22,7 +22,7 @@ namespace raylift {
 namespace {
 
 constexpr std::chrono::milliseconds kAcceptAgain(100);
-constexpr std::chrono::milliseconds kSignalAgain(10);
+constexpr std::chrono::milliseconds kMemoryAgain(10);
 
 }  // namespace
 
@@ -54,6 +54,7 @@ class Server::Impl {
         return;
       } catch (const std::exception& error) {  // a connection's: it is closed by now
         Log(error.what());
+        ResumeAccepting();
       }
     }
   }
@@ -89,7 +90,9 @@ class Server::Impl {
   }
 
   void Accept() {
-    acceptor_.async_accept([this](error_code error, tcp::socket socket) {
+    const auto accepting = std::make_shared<bool>();
+    accepting_ = accepting;
+    acceptor_.async_accept([this, accepting](error_code error, tcp::socket socket) {
       if (shared_.is_draining) return;
       if (error) return AcceptLater();  // files have run out
       try {
@@ -111,6 +114,12 @@ class Server::Impl {
     }
   }
 
+  // What failed may have taken the handler with it that accepts.
+  void ResumeAccepting() {
+    if (shared_.is_draining || !accepting_.expired()) return;
+    OnceThereIsMemory([this] { AcceptLater(); });
+  }
+
   void AcceptLater() {
     accept_again_.expires_after(kAcceptAgain);
     accept_again_.async_wait([this](error_code error) {
@@ -129,17 +138,24 @@ class Server::Impl {
     socket.shutdown(tcp::socket::shutdown_send, ignored);
   }
 
-  // Where there is no memory to wait, it waits for that: no signal is lost.
-  void WaitForSignal() {
+  template <typename Begin>
+  static void OnceThereIsMemory(const Begin& begin) {
     while (true) {
       try {
-        return signals_.async_wait([this](error_code error, int signal) {
-          if (!error) OnSignal(signal);
-        });
+        return begin();
       } catch (const std::bad_alloc&) {
-        std::this_thread::sleep_for(kSignalAgain);
+        std::this_thread::sleep_for(kMemoryAgain);
       }
     }
+  }
+
+  // No signal is lost.
+  void WaitForSignal() {
+    OnceThereIsMemory([this] {
+      signals_.async_wait([this](error_code error, int signal) {
+        if (!error) OnSignal(signal);
+      });
+    });
   }
 
   void OnSignal(int signal) {
@@ -202,6 +218,7 @@ class Server::Impl {
   Shared shared_;
   tcp::acceptor acceptor_;
   asio::signal_set signals_;
+  std::weak_ptr<bool> accepting_;  // expired: no handler waits for a connection
   asio::steady_timer accept_again_{shared_.io};
   asio::executor_work_guard<asio::io_context::executor_type> working_{shared_.io.get_executor()};
   std::thread reopening_;

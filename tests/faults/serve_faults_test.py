@@ -1,7 +1,7 @@
 """Makes one call of the server fail while it answers: serve_faults_test.py RAYLIFT SHIM WORK_FOLDER [--points N]
 [--call NAME] [--at N].
 
-As faults_test.py does of commands: reads, writes, new files, renames, mappings and threads, at N points each (3)
+As faults_test.py does of commands: allocations, reads, writes, new files, renames, mappings and threads, at N points each (3)
 between the server's start and its end, evenly spread. Two clients send photographs and matches, among them what is
 hostile, and SIGHUP opens the scene anew in between. Of what is good all must be answered as ever but for two requests,
 which may be refused (5xx) or left without an answer; then the server must answer as ever, and end with 0 and nothing
@@ -23,7 +23,7 @@ import time
 import faults_test as faults
 import served_room as room
 
-CALLS = ("read", "write", "create", "rename", "map", "thread")
+CALLS = ("memory", "read", "write", "create", "rename", "map", "thread")
 MOST_DISTURBED = 2
 SECONDS_TO_END = 10
 
