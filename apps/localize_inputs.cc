@@ -21,11 +21,16 @@
 namespace raylift {
 namespace {
 
+// None where nothing is written.
+std::filesystem::path CacheBeside(const std::filesystem::path& out) {
+  return out.empty() ? std::filesystem::path() : out / "cache";
+}
+
 MatchingOptions MatchingOf(const LocalizeFlags& flags, const ReferenceSet& references,
                            uint64_t seed) {
   MatchingOptions matching =
-      flags.matching.Resolve(flags.geometry.specs, flags.QueryImages(), flags.out / "cache", seed,
-                             flags.run, flags.QueriesAre());
+      flags.matching.Resolve(flags.geometry.specs, flags.QueryImages(), CacheBeside(flags.out),
+                             seed, flags.run, flags.QueriesAre());
   if (flags.continuous.enabled) matching.max_joined = flags.continuous.MaxJoined(matching.top_k);
   if (flags.leave_one_out && matching.retrieval) {
     matching.retrieval->prior_poses = PosesOf(references);
