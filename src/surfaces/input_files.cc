@@ -68,7 +68,6 @@ std::vector<path> ListFiles(const std::string& files, std::span<const std::strin
   return listed;
 }
 
-// "%2e" is a dot, and a backslash is taken for a slash.
 std::string DecodedUri(std::string_view uri) {
   std::string text;
   for (size_t i = 0; i < uri.size(); ++i) {

@@ -229,6 +229,15 @@ void RefuseCoarseFloats(const std::filesystem::path& path, const TriangleMesh& m
 }
 
 TriangleMesh FinishMesh(const std::filesystem::path& path, RawMesh raw) {
+  const size_t triangles_in_file = raw.triangles.size();
+  auto mesh = FinishMeshIfAny(path, std::move(raw));
+  if (mesh) return std::move(*mesh);
+  throw InputError(path, fmt::format("expected a mesh, found {} triangles, none of which has "
+                                     "finite vertices and an area",
+                                     triangles_in_file));
+}
+
+std::optional<TriangleMesh> FinishMeshIfAny(const std::filesystem::path& path, RawMesh raw) {
   if (raw.triangles.empty()) {
     if (raw.positions.empty()) {
       throw InputError(path, "expected a mesh, found no vertices and no faces");
@@ -258,11 +267,7 @@ TriangleMesh FinishMesh(const std::filesystem::path& path, RawMesh raw) {
     mesh.warnings.push_back(fmt::format("{}: {} of {} triangles removed: they have no area",
                                         path.string(), without_area, triangles_in_file));
   }
-  if (raw.triangles.empty()) {
-    throw InputError(path, fmt::format("expected a mesh, found {} triangles, none of which has "
-                                       "finite vertices and an area",
-                                       triangles_in_file));
-  }
+  if (raw.triangles.empty()) return std::nullopt;
   mesh.triangles.reserve(raw.triangles.size());
   VertexUniter uniter(raw, mesh);
   for (size_t i = 0; i < raw.triangles.size(); ++i) uniter.AddTriangle(i);

@@ -78,7 +78,9 @@ bool TriangleHasNoArea(const Eigen::Vector3f& a, const Eigen::Vector3f& b,
 void RefuseCoarseFloats(const std::filesystem::path& path, const TriangleMesh& mesh,
                         size_t without_area, size_t triangles_in_file);
 
-// `path` is for messages only.
+// `path` is for messages only. FinishMeshIfAny returns nullopt where no triangle has finite vertices
+// and an area, FinishMesh throws InputError then.
+std::optional<TriangleMesh> FinishMeshIfAny(const std::filesystem::path& path, RawMesh raw);
 TriangleMesh FinishMesh(const std::filesystem::path& path, RawMesh raw);
 
 // Returns the picture as RGB; nullopt if the bytes are no picture that can be decoded.

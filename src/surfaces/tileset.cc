@@ -105,7 +105,8 @@ Vector3d CenterOf(const JsonPlace& tile, const Affine3d& root_from_tile) {
     }
     const double east = v[2] < v[0] ? v[2] + 2 * std::numbers::pi : v[2];
     const Vector3d degrees = Vector3d(v[0] + east, v[1] + v[3], 0) * (90 / std::numbers::pi);
-    return CrsTransform(Crs("EPSG:4979"), Crs("EPSG:4978"))({degrees.x(), degrees.y(), v[4]});
+    const double middle = (v[4] + v[5]) / 2;
+    return CrsTransform(Crs("EPSG:4979"), Crs("EPSG:4978"))({degrees.x(), degrees.y(), middle});
   }
   for (const char* kind : {"box", "sphere"}) {
     if (!volume.Has(kind)) continue;
@@ -140,7 +141,7 @@ void ForEachContent(const JsonPlace& tile, const Visit& visit) {
 }
 
 // Which of a tile's content and children show it.
-struct Shown3d {
+struct Showing {
   bool content = false, children = false;
 };
 
@@ -195,7 +196,7 @@ class TilesetWalk {
     ForEachContent(tile, [&](const JsonPlace&) { has_content = true; });
     const bool has_children =
         tile.Has("children") && JsonPlace(tile.Member("children")).ArraySize() > 0;
-    const Shown3d shown = ShownOf(has_content, has_children, error * scale, branch.refine);
+    const Showing shown = ShownOf(has_content, has_children, error * scale, branch.refine);
     ForEachContent(tile, [&](const JsonPlace& content) {
       const JsonPlace uri = content.Member(content.Has("uri") ? "uri" : "url");
       AddContent(uri, Resolved(uri, uri.String(), open_.back().file), branch, shown.content);
@@ -208,7 +209,7 @@ class TilesetWalk {
     }
   }
 
-  Shown3d ShownOf(bool has_content, bool has_children, double error, Refine refine) const {
+  Showing ShownOf(bool has_content, bool has_children, double error, Refine refine) const {
     const bool is_fine = max_error_ > 0 && error <= max_error_ && has_content;
     const bool descends = has_children && !is_fine;
     return {.content = !descends || refine == Refine::kAdd, .children = descends};
@@ -339,14 +340,9 @@ class TilesetWalk {
   void ReadSubtreeAt(const JsonPlace& tiling, const Implicit& implicit, const Place& at) {
     const path file = Resolved(tiling, Filled(implicit.subtree_uri, at), open_.back().file);
     CountUse(tiling, file);
-    const Subtree subtree = ReadSubtree(file, implicit.tree, [&](const JsonPlace& uri) {
-      return Resolved(uri, uri.String(), file);
-    });
-    if (subtree.contents.size() < implicit.content_uris.size()) {
-      throw InputError(file, "contentAvailability",
-                       fmt::format("expected it of {} contents, found {}",
-                                   implicit.content_uris.size(), subtree.contents.size()));
-    }
+    const Subtree subtree =
+        ReadSubtree(file, implicit.tree, implicit.content_uris.size(),
+                    [&](const JsonPlace& uri) { return Resolved(uri, uri.String(), file); });
     if (subtree.tiles.At(0)) ReadImplicitTile(tiling, implicit, subtree, at, 0, 0);
   }
 
@@ -369,7 +365,7 @@ class TilesetWalk {
     for (size_t i = 0; i < implicit.content_uris.size(); ++i) {
       has_content |= subtree.contents[i].At(index);
     }
-    const Shown3d shown = ShownOf(has_content, has_children, std::ldexp(implicit.error, -at.level),
+    const Showing shown = ShownOf(has_content, has_children, std::ldexp(implicit.error, -at.level),
                                   implicit.branch.refine);
     for (size_t i = 0; i < implicit.content_uris.size(); ++i) {
       if (!subtree.contents[i].At(index)) continue;

@@ -50,9 +50,11 @@ class TileFrame {
     world_from_root_ = -world->origin;
     if (world->crs.definition() == kEarthCentered) return;
     target_ = world->crs;
-    const auto transform = TakeTransform();
-    (*transform)(center);
-    if (auto warning = transform->Warning()) notes_.push_back(*warning);
+    try {
+      CheckTarget(file, center);
+    } catch (const InputError& error) {
+      throw InputError(file, "crs", error.what());
+    }
   }
 
   const std::vector<std::string>& notes() const { return notes_; }
@@ -81,6 +83,21 @@ class TileFrame {
         file.string(), there.x(), there.y(), there.z(), kEarthCentered));
   }
 
+  void CheckTarget(const path& file, const Vector3d& center) {
+    auto transform = TakeTransform();
+    const Vector3d on_map = (*transform)(center);
+    const auto warn = [&](const std::string& text) {
+      notes_.push_back(fmt::format("{}: crs: {}", file.string(), text));
+    };
+    if (const auto warning = transform->Warning()) warn(*warning);
+    try {
+      target_->Check(on_map);
+    } catch (const InputError& error) {
+      warn(error.what());
+    }
+    idle_.push_back(std::move(transform));
+  }
+
   // One for a thread at a time; to make one takes milliseconds.
   std::unique_ptr<CrsTransform> TakeTransform() {
     const std::lock_guard lock(mutex_);
@@ -100,23 +117,41 @@ class TileFrame {
 };
 
 // What one file of a tileset became.
-struct ReadTile {
+struct LoadedTile {
   std::vector<TriangleMesh> meshes;
-  size_t num_instanced = 0, num_clouds = 0;
+  size_t num_instanced = 0, num_clouds = 0, num_without_area = 0;
 };
 
-ReadTile Read(const TileContent& content, TileFrame& frame) {
+LoadedTile Load(const TileContent& content, TileFrame& frame) {
   TileMeshes raw = ReadTileContent(content);
-  ReadTile tile{.meshes = {}, .num_instanced = raw.num_instanced, .num_clouds = raw.num_clouds};
+  LoadedTile tile{.meshes = {}, .num_instanced = raw.num_instanced, .num_clouds = raw.num_clouds};
   for (RawMesh& mesh : raw.meshes) {
     try {
       frame.Lead(mesh);
     } catch (const InputError& error) {
       throw InputError(content.file, error.what());
     }
-    tile.meshes.push_back(FinishMesh(content.file, std::move(mesh)));
+    if (auto finished = FinishMeshIfAny(content.file, std::move(mesh))) {
+      tile.meshes.push_back(std::move(*finished));
+    } else {
+      ++tile.num_without_area;
+    }
   }
   return tile;
+}
+
+// Says which tiles do not show; empty where all do.
+std::string LeftOut(const LoadedTile& sum) {
+  std::string text;
+  if (sum.num_instanced + sum.num_clouds > 0) {
+    text = fmt::format("{} tiles of instances (i3dm) and {} of points (pnts) are not read",
+                       sum.num_instanced, sum.num_clouds);
+  }
+  if (sum.num_without_area > 0) {
+    text += fmt::format("{}{} tiles are left out, as none of their triangles has an area",
+                        text.empty() ? "" : "; ", sum.num_without_area);
+  }
+  return text;
 }
 
 // Thousands of tiles have thousands of small faults of one kind.
@@ -138,28 +173,26 @@ bool IsEarthCentered(const path& file) {
 TriangleMesh ReadTileset(const path& file, const MeshReadOptions& options) {
   const Tileset tileset = ListTiles(file, options.tiles.max_error);
   TileFrame frame(file, tileset.center, options.tiles.world);
-  std::vector<ReadTile> tiles(tileset.contents.size());
+  std::vector<LoadedTile> tiles(tileset.contents.size());
   ParallelFor(tiles.size(), options.threads,
-              [&](size_t i) { tiles[i] = Read(tileset.contents[i], frame); });
+              [&](size_t i) { tiles[i] = Load(tileset.contents[i], frame); });
   std::vector<TriangleMesh> meshes;
-  size_t num_instanced = 0, num_clouds = 0;
-  for (ReadTile& tile : tiles) {
-    num_instanced += tile.num_instanced;
-    num_clouds += tile.num_clouds;
+  LoadedTile sum;
+  for (LoadedTile& tile : tiles) {
+    sum.num_instanced += tile.num_instanced;
+    sum.num_clouds += tile.num_clouds;
+    sum.num_without_area += tile.num_without_area;
     for (TriangleMesh& mesh : tile.meshes) meshes.push_back(std::move(mesh));
   }
-  const std::string left_out =
-      fmt::format("{} tiles of instances (i3dm) and {} of points (pnts) are not read",
-                  num_instanced, num_clouds);
-  const bool any_left_out = num_instanced + num_clouds > 0;
+  const std::string left_out = LeftOut(sum);
   if (meshes.empty()) {
     throw InputError(file, "expected tiles with triangles, found none" +
-                               (any_left_out ? "; " + left_out : std::string()));
+                               (left_out.empty() ? "" : "; " + left_out));
   }
   TriangleMesh mesh =
       meshes.size() == 1 ? std::move(meshes.front()) : MergeMeshes(std::move(meshes));
   Shorten(mesh.warnings);
-  if (any_left_out) mesh.warnings.push_back(fmt::format("{}: {}", file.string(), left_out));
+  if (!left_out.empty()) mesh.warnings.push_back(fmt::format("{}: {}", file.string(), left_out));
   mesh.warnings.insert(mesh.warnings.begin(), frame.notes().begin(), frame.notes().end());
   return mesh;
 }

@@ -6,6 +6,7 @@
 #include <string_view>
 #include <utility>
 
+#include "surfaces/input_files.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -48,7 +49,7 @@ class SubtreeReader {
     document_.emplace(text, file);
   }
 
-  Subtree Read() const {
+  Subtree Read(size_t num_contents) const {
     const JsonPlace root = document_->Root();
     const uint64_t num_tiles = tree_.FirstOfLevel(tree_.subtree_levels);
     const JsonPlace tiles = root.Member("tileAvailability");
@@ -57,14 +58,20 @@ class SubtreeReader {
         Bits(root, tiles, num_tiles),
         {},
         Bits(root, children, uint64_t{1} << (tree_.BitsPerLevel() * tree_.subtree_levels))};
-    if (!root.Has("contentAvailability")) return subtree;
-    const JsonPlace contents = root.Member("contentAvailability");
-    if (!contents.IsArray()) {  // of the extension to version 1.0
-      subtree.contents.push_back(Bits(root, contents, num_tiles));
+    if (!root.Has("contentAvailability")) {
+      subtree.contents.assign(num_contents, Availability(false));
       return subtree;
     }
-    for (size_t i = 0; i < contents.ArraySize(); ++i) {
-      const JsonPlace content = contents.At(i);
+    const JsonPlace contents = root.Member("contentAvailability");
+    // In the extension to version 1.0 it is no array, and stands where there are no contents, too.
+    const bool is_array = contents.IsArray();
+    const size_t num_found = is_array ? contents.ArraySize() : std::min<size_t>(num_contents, 1);
+    if (num_found != num_contents) {
+      contents.Fail(
+          fmt::format("expected it of {} contents, found it of {}", num_contents, num_found));
+    }
+    for (size_t i = 0; i < num_contents; ++i) {
+      const JsonPlace content = is_array ? contents.At(i) : contents;
       subtree.contents.push_back(Bits(root, content, num_tiles));
     }
     return subtree;
@@ -84,20 +91,20 @@ class SubtreeReader {
     const JsonPlace buffer_index = view.Member("buffer");
     const JsonPlace buffer = Element(buffers, buffer_index);
     const size_t begin = Size(view, "byteOffset"), size = Size(view, "byteLength");
-    if (size < (count + 7) / 8) {
+    const uint64_t needed = (count + 7) / 8;
+    if (size < needed) {
       index.Fail(fmt::format("expected {} bits, found {} bytes", count, size));
     }
-    std::string bytes;
+    std::optional<MappedFile> other;
     if (buffer.Has("uri")) {
       const JsonPlace uri = buffer.Member("uri");
-      bytes = ReadFile(resolved_(uri));
-    } else {
-      bytes = own_bytes_;
+      other.emplace(resolved_(uri));
     }
+    const std::string_view bytes = other ? other->contents() : own_bytes_;
     if (begin > bytes.size() || size > bytes.size() - begin) {
       view.Fail(fmt::format("it ends at {} bytes, its buffer at {}", begin + size, bytes.size()));
     }
-    return Availability(bytes.substr(begin, size));
+    return Availability(std::string(bytes.substr(begin, needed)));
   }
 
   static JsonPlace Element(const JsonPlace& list, const JsonPlace& index) {
@@ -117,9 +124,9 @@ class SubtreeReader {
 
 }  // namespace
 
-Subtree ReadSubtree(const path& file, const ImplicitTree& tree,
+Subtree ReadSubtree(const path& file, const ImplicitTree& tree, size_t num_contents,
                     const std::function<path(const JsonPlace& uri)>& resolved) {
-  return SubtreeReader(file, tree, resolved).Read();
+  return SubtreeReader(file, tree, resolved).Read(num_contents);
 }
 
 }  // namespace raylift

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <functional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "io/text/json_document.h"
@@ -41,13 +42,15 @@ struct ImplicitTree {
 
 struct Subtree {
   Availability tiles;
-  std::vector<Availability> contents;  // one for each content that a tile can have
+  std::vector<Availability> contents;  // one for each file that a tile names
   Availability children;               // subtrees below the last level
 };
 
-// Reads a subtree, binary or JSON. `resolved` finds the files that hold its bits. Throws InputError
-// where it has fewer bits than tiles.
+// Reads a subtree, binary or JSON, of tiles that name `num_contents` files each. `resolved` finds
+// the files that hold its bits. Throws InputError where it has fewer bits than tiles, or says of
+// another number of contents which there are; where it says nothing, there are none.
 Subtree ReadSubtree(const std::filesystem::path& file, const ImplicitTree& tree,
+                    size_t num_contents,
                     const std::function<std::filesystem::path(const JsonPlace& uri)>& resolved);
 
 }  // namespace raylift

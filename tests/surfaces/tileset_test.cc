@@ -12,7 +12,9 @@
 #include "support/test_data.h"
 #include "tileset_files.h"
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 
 #include "raylift/base/file.h"
 #include "raylift/geometry/geodesy.h"
@@ -258,14 +260,102 @@ TEST(ReadTileset, ImplicitTilesAreThoseOfTheBits) {
   MeshReadOptions options;
   options.tiles.max_error = 8;  // that of level 1
   EXPECT_EQ(ReadMesh(file, options).triangles.size(), 1u + 2);
+  const std::string last =
+      R"({"tileAvailability":{"constant":1},"childSubtreeAvailability":{"constant":0})";
+  WriteFile(folder / "s/2.3.1.subtree", last + "}");  // without contents
+  EXPECT_EQ(ReadMesh(file).triangles.size(), sum - count / 2);
   WriteFile(folder / "s/2.3.1.subtree",
-            R"({"tileAvailability":{"constant":1},"childSubtreeAvailability":{"constant":0}})");
-  EXPECT_TRUE(FailsWithInputError([&] { ReadMesh(file); },
-                                  {"2.3.1.subtree: contentAvailability", "1 contents, found 0"}));
+            last + R"(,"contentAvailability":[{"constant":1},{"constant":0}]})");
+  EXPECT_TRUE(FailsWithInputError(
+      [&] { ReadMesh(file); },
+      {"2.3.1.subtree: contentAvailability", "expected it of 1 contents, found it of 2"}));
   std::filesystem::remove(folder / "s/2.3.1.subtree");
   EXPECT_TRUE(
       FailsWithInputError([&] { ReadMesh(file); },
                           {"tileset.json: root.implicitTiling: s/2.3.1.subtree: no such file"}));
+}
+
+size_t PeakMemoryBytes() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  return static_cast<size_t>(usage.ru_maxrss) * 1024;
+}
+
+// Each of 200 contents has its bit in a buffer of 5 MB, beside the JSON or in a file.
+TEST(ReadTileset, OfABufferOnlyTheBitsAreKept) {
+  constexpr size_t kBytes = 5'000'000, kContents = 200;
+  std::vector<std::string> uris, bits;
+  for (size_t i = 0; i < kContents; ++i) {
+    uris.push_back(fmt::format(R"({{"uri":"{}.glb"}})", i == 0 ? "tile" : "gone"));
+    bits.push_back(fmt::format(R"({{"bitstream":{}}})", i == 0 ? 0 : 1));
+  }
+  const path file =
+      WriteTileset(kSphere + fmt::format(R"(0,"refine":"ADD","contents":[{}],"implicitTiling":
+{{"subdivisionScheme":"QUADTREE","subtreeLevels":1,"availableLevels":1,"subtrees":{{"uri":"s"}}}})",
+                                         fmt::join(uris, ",")));
+  const path folder = file.parent_path();
+  WriteFile(folder / "tile.glb", TileGlb(HillPatch({0, 0})));
+  WriteFile(folder / "bits", std::string(1, '\1') + std::string(kBytes - 1, '\0'));
+  for (const std::string where : {R"("uri":"bits",)", ""}) {
+    const std::string json = fmt::format(
+        R"({{"tileAvailability":{{"constant":1}},"childSubtreeAvailability":{{"constant":0}},
+"contentAvailability":[{0}],"buffers":[{{{1}"byteLength":{2}}}],"bufferViews":[
+{{"buffer":0,"byteOffset":0,"byteLength":{2}}},{{"buffer":0,"byteOffset":1,"byteLength":{3}}}]}})",
+        fmt::join(bits, ","), where, kBytes, kBytes - 1);
+    std::string subtree = "subt";
+    AppendBytes(subtree, uint32_t{1});
+    AppendBytes(subtree, uint64_t{json.size()});
+    AppendBytes(subtree, uint64_t{kBytes});
+    WriteFile(folder / "s", subtree + json + ReadFile(folder / "bits"));
+    const size_t before = PeakMemoryBytes();
+    EXPECT_FALSE(ReadMesh(file).triangles.empty());
+    EXPECT_LT(PeakMemoryBytes() - before, 10 * kBytes);  // it was 200 times
+  }
+}
+
+TEST(ReadTileset, ATileOfSliversIsLeftOut) {
+  const path file = WriteTileset(
+      kSphere + std::string(R"(0,"refine":"ADD","contents":[{"uri":"a.glb"},{"uri":"b.glb"}])"));
+  TilePatch sliver = HillPatch({0, 0});
+  sliver.triangles = {{0, 0, 1}, {5, 5, 5}};
+  WriteFile(file.parent_path() / "a.glb", TileGlb(sliver));
+  WriteFile(file.parent_path() / "b.glb", TileGlb(HillPatch({0, 0})));
+  const TriangleMesh mesh = ReadMesh(file);
+  EXPECT_EQ(mesh.triangles.size(), HillPatch({0, 0}).triangles.size());
+  ASSERT_EQ(mesh.warnings.size(), 1u);
+  EXPECT_EQ(mesh.warnings[0],
+            file.string() + ": 1 tiles are left out, as none of their triangles has an area");
+  WriteFile(file.parent_path() / "b.glb", TileGlb(sliver));
+  EXPECT_TRUE(FailsWithInputError(
+      [&] { ReadMesh(file); },
+      {"tileset.json: expected tiles with triangles, found none; 2 tiles are left out"}));
+}
+
+TEST(ReadTileset, ASystemOfOtherPlacesIsAWarning) {
+  const path file = WriteTileset(
+      fmt::format(R"("transform":{},{}0,"refine":"ADD","content":{{"uri":"tile.glb"}})",
+                  ColumnsOf(EarthFromLocal()), kSphere));
+  WriteFile(file.parent_path() / "tile.glb", TileGlb(HillPatch({0, 0})));
+  const auto warnings = [&](const char* crs) {
+    MeshReadOptions options;
+    options.tiles.world = WorldFrame::Parse(crs);
+    return fmt::format("{}", fmt::join(ReadMesh(file, options).warnings, "\n"));
+  };
+  EXPECT_EQ(warnings("EPSG:25832@559000,5934000,50"), "");
+  const std::string british = warnings("EPSG:27700");
+  EXPECT_NE(british.find("is not where EPSG:27700"), std::string::npos) << british;
+  EXPECT_NE(british.find(file.string() + ": crs: "), std::string::npos) << british;
+}
+
+TEST(ReadTileset, TheCenterOfARegionIsBetweenItsHeights) {
+  const path file = WriteTileset(
+      R"("boundingVolume":{"region":[0.17,0.93,0.171,0.931,-50,400]},"geometricError":0,
+"refine":"ADD","content":{"uri":"tile.glb"})");
+  WriteFile(file.parent_path() / "tile.glb", TileGlb(HillPatch({0, 0})));
+  const TriangleMesh mesh = ReadMesh(file);
+  ASSERT_EQ(mesh.warnings.size(), 1u);
+  EXPECT_NE(mesh.warnings[0].find(" 175.0000 (longitude, latitude, height"), std::string::npos)
+      << mesh.warnings[0];
 }
 
 TEST(ReadTileset, ImplicitTreesWithoutEndAreAnError) {
