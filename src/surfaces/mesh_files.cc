@@ -26,14 +26,16 @@ TriangleMesh ReadPlyMesh(const std::filesystem::path& path, int threads) {
   return FinishMesh(path, ReadPly(path, header, file.contents()));
 }
 
-// By its name, or as it says so itself.
+// Returns whether the file is of CityJSON by its name, or says so itself.
 bool IsCityJson(const std::filesystem::path& path, const std::string& extension) {
   if (extension == ".cityjson") return true;
   if (extension != ".json") return false;
   if (LowerExtension(path.stem()) == ".city") return true;
   constexpr size_t kLookedAt = 4096;
-  return MappedFile(path).contents().substr(0, kLookedAt).find("\"CityJSON\"") !=
-         std::string_view::npos;
+  const MappedFile file(path);
+  const std::string_view begin = file.contents().substr(0, kLookedAt);
+  // Where keys are sorted, its type comes last.
+  return begin.find("\"CityJSON\"") != begin.npos || begin.find("\"CityObjects\"") != begin.npos;
 }
 
 TriangleMesh ReadByExtension(const std::filesystem::path& path, const MeshReadOptions& options) {

@@ -259,6 +259,14 @@ TEST(CityJson, BuildingsGiveWayToTheirPartsWhereTheseAreFiner) {
   EXPECT_EQ(with_part("\"2.2\"").triangles.size(), 3u);
 }
 
+TEST(CityJson, IsRecognizedWhereItsTypeComesLast) {
+  std::string text = SquareJson(R"("type":"CityJSON","version":"2.0",)");
+  text.back() = ',';
+  const std::string padding(10000, ' ');
+  const auto file = Write("sorted.json", text + padding + R"("type":"CityJSON","version":"2.0"})");
+  EXPECT_EQ(ReadMesh(file).triangles.size(), 2u);
+}
+
 TEST(CityModels, SaysWhereASystemIsUnknownOrMeantForElsewhere) {
   const auto warnings_of = [&](const std::string& system) {
     const auto warnings =
