@@ -1,7 +1,7 @@
 // CityGML 1.0 and 2.0 (OGC 12-019): objects with properties as lod2Solid, whose surfaces are polygons
 // of GML 3.1 or refer to those of other properties.
 
-#include <cmath>
+#include <algorithm>
 #include <map>
 #include <set>
 #include <string>
@@ -23,13 +23,16 @@ namespace {
 using Eigen::Vector3d;
 using pugi::xml_node;
 
-// The name without its prefix, which each file chooses itself.
+// Returns the name without its prefix, which each file chooses itself.
 std::string_view LocalName(std::string_view name) {
   const size_t colon = name.find(':');
   return colon == std::string_view::npos ? name : name.substr(colon + 1);
 }
+
+// Returns the element's name without its prefix.
 std::string_view NameOf(const xml_node& node) { return LocalName(node.name()); }
 
+// Returns the value of the first attribute of this name, whatever its prefix; empty without one.
 std::string_view AttributeOf(const xml_node& node, std::string_view name) {
   for (const pugi::xml_attribute& attribute : node.attributes()) {
     if (LocalName(attribute.name()) == name) return attribute.value();
@@ -37,7 +40,8 @@ std::string_view AttributeOf(const xml_node& node, std::string_view name) {
   return {};
 }
 
-// Returns the level of a property as lod2Solid or lod3MultiSurface; nullopt of lines and points.
+// Returns the level of a property as lod2Solid or lod3MultiSurface; nullopt of lines, points and
+// implicit geometries.
 std::optional<double> LevelOfProperty(std::string_view name) {
   if (name == "tin") return 1;  // of a relief, which has no other
   if (!name.starts_with("lod") || name.size() < 5 || name[3] < '0' || name[3] > '4') {
@@ -45,12 +49,11 @@ std::optional<double> LevelOfProperty(std::string_view name) {
   }
   const std::string_view kind = name.substr(4);
   const bool has_surfaces = kind == "Solid" || kind == "MultiSurface" || kind == "Surface" ||
-                            kind == "Geometry" || kind == "ImplicitRepresentation" ||
-                            kind == "FootPrint" || kind == "RoofEdge";
+                            kind == "Geometry" || kind == "FootPrint" || kind == "RoofEdge";
   return has_surfaces ? std::optional(name[3] - '0') : std::nullopt;
 }
 
-// Rooms and what is in them are not seen from outside.
+// Returns whether a property is of rooms or what is in them, which are not seen from outside.
 bool IsInterior(std::string_view name) {
   return name.starts_with("interior") && name != "interior";
 }
@@ -59,7 +62,7 @@ class CityGmlReader {
  public:
   CityGmlReader(const std::filesystem::path& path, std::string_view contents,
                 std::optional<double> level)
-      : path_(path), level_(level), mesh_(path, contents.size()) {
+      : path_(path), level_(level), file_bytes_(contents.size()), mesh_(path, contents.size()) {
     // pugixml expands no entities of a file's own.
     const auto result = document_.load_buffer(contents.data(), contents.size());
     if (!result) Fail(fmt::format("byte {}", result.offset), result.description());
@@ -90,9 +93,12 @@ class CityGmlReader {
   }
 
  private:
+  using Levels = std::map<double, std::vector<xml_node>>;
+
   // The properties of an object with surfaces, by their levels, and its parts.
   struct Object {
-    std::map<double, std::vector<xml_node>> properties;
+    Levels properties;
+    Levels of_openings;  // windows and doors, which do not replace their wall
     std::vector<xml_node> parts;
     std::vector<xml_node> others;  // installations, which do not replace it
   };
@@ -101,7 +107,7 @@ class CityGmlReader {
     throw InputError(path_, place, message);
   }
 
-  // The next one in the order of the file; counts how deep it is.
+  // Returns the next element in the order of the file, and counts how deep it is.
   xml_node Next(xml_node node) {
     if (node.first_child()) {
       if (++depth_ > kMaxNodeNesting) Fail("XML", "elements are nested too deep");
@@ -114,19 +120,22 @@ class CityGmlReader {
     return node.next_sibling();
   }
 
-  // Surfaces of walls and roofs, and windows in them, are properties of the building.
-  void Collect(const xml_node& node, Object& object) const {
+  // Adds the properties below `node` to `levels`, those of openings to the object's: walls, roofs
+  // and windows are of the building.
+  void Collect(const xml_node& node, Object& object, Levels& levels) {
     for (const xml_node& child : node.children()) {
       const std::string_view name = NameOf(child);
       if (IsInterior(name)) continue;
       if (const auto level = LevelOfProperty(name)) {
-        object.properties[*level].push_back(child);
+        levels[*level].push_back(child);
+      } else if (name.ends_with("ImplicitRepresentation")) {
+        ++implicit_;
       } else if (name.starts_with("consistsOf")) {
         for (const xml_node& part : child.children()) object.parts.push_back(part);
-      } else if (name.ends_with("Installation")) {
+      } else if (name.starts_with("outer")) {  // outerBuildingInstallation, outerBridgeConstruction
         object.others.push_back(child);
       } else {
-        Collect(child, object);
+        Collect(child, object, name == "opening" ? object.of_openings : levels);
       }
     }
   }
@@ -134,7 +143,8 @@ class CityGmlReader {
   // Returns the level that was taken of the object or its parts; 0 of none.
   double AddObject(const xml_node& node) {
     Object object;
-    Collect(node, object);
+    Collect(node, object, object.properties);
+    if (object.properties.empty()) object.properties.swap(object.of_openings);
     double of_parts = 0;
     for (const xml_node& part : object.parts) of_parts = std::max(of_parts, AddObject(part));
     for (const xml_node& other : object.others) AddObject(other);
@@ -143,14 +153,14 @@ class CityGmlReader {
     const auto chosen = ChooseLevel(levels, level_);
     if (!chosen || levels[*chosen] < of_parts) return of_parts;
     std::set<xml_node> seen;
-    for (const xml_node& property : object.properties[levels[*chosen]]) {
-      AddSurfaces(property, seen, false, 0);
+    for (Levels* const of : {&object.properties, &object.of_openings}) {
+      for (const xml_node& property : (*of)[levels[*chosen]]) AddSurfaces(property, seen, false, 0);
     }
     return levels[*chosen];
   }
 
-  // Each polygon once, however many properties of the object lead to it; references in a circle
-  // come to what was seen.
+  // Adds each polygon once, however many properties of the object lead to it; references in a
+  // circle come to what was seen.
   void AddSurfaces(const xml_node& node, std::set<xml_node>& seen, bool is_reversed, int depth) {
     if (depth > kMaxNodeNesting) Fail("xlink:href", "references lead too deep");
     const std::string_view name = NameOf(node);
@@ -159,15 +169,14 @@ class CityGmlReader {
       if (target == nodes_.end()) {
         ++elsewhere_;
       } else {
+        constexpr size_t kReads = 10;  // a byte of XML takes as long as some corners
+        mesh_.CountRead([] { return "xlink:href"; }, kReads * BytesOf(target->second));
         AddSurfaces(target->second, seen, is_reversed, depth + 1);
       }
       return;
     }
     if (!AttributeOf(node, "id").empty() && !seen.insert(node).second) return;
-    if (name == "ImplicitGeometry") {
-      ++implicit_;
-      return;
-    }
+    if (name == "ImplicitGeometry") return;  // its coordinates are its own
     if (name == "Polygon" || name == "PolygonPatch" || name == "Triangle" || name == "Rectangle") {
       AddPolygon(node, is_reversed);
       return;
@@ -178,8 +187,17 @@ class CityGmlReader {
     }
   }
 
+  // Returns how long the element is in the file.
+  size_t BytesOf(xml_node node) const {
+    const ptrdiff_t begin = node.offset_debug();
+    while (node && !node.next_sibling()) node = node.parent();
+    const ptrdiff_t end =
+        node ? node.next_sibling().offset_debug() : static_cast<ptrdiff_t>(file_bytes_);
+    return static_cast<size_t>(std::max<ptrdiff_t>(end - begin, 0));
+  }
+
   void AddPolygon(const xml_node& polygon, bool is_reversed) {
-    const std::string place = PlaceOf(polygon);
+    const auto place = [&] { return PlaceOf(polygon); };
     std::vector<std::vector<Vector3d>> rings;
     for (const xml_node& side : polygon.children()) {
       const std::string_view name = NameOf(side);
@@ -192,8 +210,9 @@ class CityGmlReader {
     mesh_.AddPolygon(place, std::move(rings));
   }
 
-  // Points as one list (posList), one by one (pos), or as GML 2 has them (coordinates).
-  std::vector<Vector3d> RingOf(const std::string& place, const xml_node& ring) const {
+  // Returns points that are one list (posList), one by one (pos), or as GML 2 has them
+  // (coordinates).
+  std::vector<Vector3d> RingOf(const CityMesh::Place& place, const xml_node& ring) const {
     std::vector<double> numbers;
     for (const xml_node& child : ring.children()) {
       const std::string_view name = NameOf(child);
@@ -201,7 +220,7 @@ class CityGmlReader {
       if (!is_old && name != "posList" && name != "pos") continue;
       const std::string_view dimension = AttributeOf(child, "srsDimension");
       if (!dimension.empty() && dimension != "3") {
-        Fail(place, "expected points of three coordinates (srsDimension)");
+        Fail(place(), "expected points of three coordinates (srsDimension)");
       }
       std::string text = child.child_value();
       std::replace_if(
@@ -210,12 +229,13 @@ class CityGmlReader {
       for (const std::string_view word : SplitTokens(text)) {
         const auto number = ParseDouble(word);
         if (!number)
-          Fail(place, fmt::format("expected numbers, found \"{}\"", Printable(std::string(word))));
+          Fail(place(),
+               fmt::format("expected numbers, found \"{}\"", Printable(std::string(word))));
         numbers.push_back(*number);
       }
     }
     if (numbers.size() % 3 != 0) {
-      Fail(place,
+      Fail(place(),
            fmt::format("expected points of three coordinates, found {} numbers", numbers.size()));
     }
     std::vector<Vector3d> points;
@@ -223,7 +243,7 @@ class CityGmlReader {
     return points;
   }
 
-  // The nearest name that the file gives.
+  // Returns the kind of the element and the nearest name that the file gives.
   static std::string PlaceOf(xml_node node) {
     const std::string kind(NameOf(node));
     for (; node; node = node.parent()) {
@@ -235,6 +255,7 @@ class CityGmlReader {
 
   const std::filesystem::path& path_;
   std::optional<double> level_;
+  size_t file_bytes_;
   CityMesh mesh_;
   pugi::xml_document document_;
   std::unordered_map<std::string_view, xml_node> nodes_;

@@ -1,6 +1,7 @@
 // CityJSON 1.0 to 2.0 (cityjson.org): surfaces are lists of indices into vertices, which are whole
 // numbers to be scaled and moved.
 
+#include <algorithm>
 #include <cmath>
 #include <map>
 #include <string>
@@ -26,6 +27,12 @@ const std::map<std::string, int, std::less<>> kListsOfType = {{"MultiSurface", 1
                                                               {"Solid", 2},
                                                               {"MultiSolid", 3},
                                                               {"CompositeSolid", 3}};
+
+// Returns whether an object is inside another one, where it is not seen.
+bool IsInterior(std::string_view type) {
+  return type.ends_with("Room") || type.ends_with("Storey") || type.ends_with("Unit") ||
+         type.ends_with("HollowSpace") || (type.ends_with("Furniture") && type != "CityFurniture");
+}
 
 class CityJsonReader {
  public:
@@ -53,7 +60,7 @@ class CityJsonReader {
     std::map<std::string, Chosen> chosen;
     for (const auto& [id, object] : objects.items()) chosen.emplace(id, Choose(id, object));
     for (const auto& [id, choice] : chosen) {
-      if (choice.geometry != nullptr && !HasFinerPart(objects[id], choice, chosen)) {
+      if (choice.geometry != nullptr && !HasFinerPart(objects, objects[id], choice, chosen)) {
         AddGeometry(choice.place, *choice.geometry);
       }
     }
@@ -62,6 +69,12 @@ class CityJsonReader {
   }
 
  private:
+  // Where the corners of surfaces are: vertices of the file, or of a template that is moved.
+  struct Vertices {
+    const std::vector<Vector3d>& points;
+    std::optional<Eigen::Matrix<double, 3, 4>> world_from_template;
+  };
+
   // The geometry that is taken of an object, if it has any.
   struct Chosen {
     std::string place;
@@ -90,10 +103,10 @@ class CityJsonReader {
     return value;
   }
 
-  Vector3d Point(const std::string& place, const json& value) const {
+  Vector3d Point(const CityMesh::Place& place, const json& value) const {
     const bool good = value.is_array() && value.size() == 3 && value[0].is_number() &&
                       value[1].is_number() && value[2].is_number();
-    if (!good) Fail(place, "expected three numbers");
+    if (!good) Fail(place(), "expected three numbers");
     return {value[0].get<double>(), value[1].get<double>(), value[2].get<double>()};
   }
 
@@ -101,7 +114,7 @@ class CityJsonReader {
     std::vector<Vector3d> points;
     points.reserve(List(place, list).size());
     for (const json& point : list) {
-      points.push_back(Point(fmt::format("{}[{}]", place, points.size()), point));
+      points.push_back(Point([&] { return fmt::format("{}[{}]", place, points.size()); }, point));
     }
     return points;
   }
@@ -110,13 +123,15 @@ class CityJsonReader {
     vertices_ = Points("vertices", Member("vertices", root_, "vertices"));
     const auto transform = root_.find("transform");
     if (transform == root_.end()) return;  // in 1.0 it may be missing
-    const Vector3d scale = Point("transform.scale", Member("transform.scale", *transform, "scale"));
-    const Vector3d translate =
-        Point("transform.translate", Member("transform.translate", *transform, "translate"));
+    const auto point = [&](const char* name) {
+      const std::string place = fmt::format("transform.{}", name);
+      return Point([&] { return place; }, Member(place, *transform, name));
+    };
+    const Vector3d scale = point("scale"), translate = point("translate");
     for (Vector3d& vertex : vertices_) vertex = vertex.cwiseProduct(scale) + translate;
   }
 
-  // Level 2.1 is "2.1", in 1.0 also a number.
+  // Returns the level of detail, "2.1" or in 1.0 also a number; 0 where there is none.
   double LevelOf(const std::string& place, const json& geometry) const {
     const auto found = geometry.find("lod");
     if (found == geometry.end()) return 0;
@@ -127,12 +142,14 @@ class CityJsonReader {
     return *level;
   }
 
-  static std::string TypeOf(const json& geometry) {
-    const auto found = geometry.find("type");
-    const bool is_text = geometry.is_object() && found != geometry.end() && found->is_string();
+  // Returns the type of an object or a geometry; empty where it has none.
+  static std::string TypeOf(const json& object) {
+    const auto found = object.find("type");
+    const bool is_text = object.is_object() && found != object.end() && found->is_string();
     return is_text ? found->get<std::string>() : "";
   }
 
+  // Returns what a geometry is an instance of; null of others.
   const json* TemplateOf(const std::string& place, const json& geometry) const {
     if (TypeOf(geometry) != "GeometryInstance") return nullptr;
     const json& index = Member(place + ".template", geometry, "template");
@@ -144,11 +161,12 @@ class CityJsonReader {
     return &list[index.get<size_t>()];
   }
 
+  // Returns the geometry of the level that is taken.
   Chosen Choose(const std::string& id, const json& object) const {
     const std::string place = fmt::format("CityObjects.{}", id);
     if (!object.is_object()) Fail(place, "expected an object");
     const auto geometries = object.find("geometry");
-    if (geometries == object.end()) return {};
+    if (geometries == object.end() || IsInterior(TypeOf(object))) return {};
     List(place + ".geometry", *geometries);
     std::vector<Chosen> candidates;
     std::vector<double> levels;
@@ -166,15 +184,16 @@ class CityJsonReader {
     return chosen ? candidates[*chosen] : Chosen{};
   }
 
-  // A building's own geometry gives way to that of its parts.
-  static bool HasFinerPart(const json& object, const Chosen& own,
+  // Returns whether a building's own geometry gives way to that of its parts; other children, as
+  // chimneys, do not replace it.
+  static bool HasFinerPart(const json& objects, const json& object, const Chosen& own,
                            const std::map<std::string, Chosen>& chosen) {
     const auto children = object.find("children");
     if (children == object.end() || !children->is_array()) return false;
     return std::any_of(children->begin(), children->end(), [&](const json& child) {
       const auto found = child.is_string() ? chosen.find(child.get<std::string>()) : chosen.end();
       return found != chosen.end() && found->second.geometry != nullptr &&
-             found->second.level > own.level;
+             found->second.level > own.level && TypeOf(objects[found->first]).ends_with("Part");
     });
   }
 
@@ -184,17 +203,25 @@ class CityJsonReader {
     const json& boundaries = Member(place + ".boundaries", shape, "boundaries");
     const int lists = kListsOfType.at(TypeOf(shape));
     if (model == nullptr) {
-      AddSurfaces(place + ".boundaries", boundaries, lists, vertices_);
+      AddSurfaces(place + ".boundaries", boundaries, lists, {vertices_, std::nullopt});
     } else {
-      AddSurfaces(place + ".boundaries", boundaries, lists, PlacedTemplate(place, geometry));
+      AddSurfaces(place + ".boundaries", boundaries, lists,
+                  {TemplateVertices(), WorldFromTemplate(place, geometry)});
     }
   }
 
-  // The vertices of all templates, where an instance of one has them.
-  std::vector<Vector3d> PlacedTemplate(const std::string& place, const json& instance) {
-    const json& all = Member("geometry-templates", root_, "geometry-templates");
-    std::vector<Vector3d> points =
-        Points("vertices-templates", Member("vertices-templates", all, "vertices-templates"));
+  // Returns the vertices of all templates, which the first instance of one reads.
+  const std::vector<Vector3d>& TemplateVertices() {
+    if (!template_vertices_) {
+      const json& all = Member("geometry-templates", root_, "geometry-templates");
+      template_vertices_ =
+          Points("vertices-templates", Member("vertices-templates", all, "vertices-templates"));
+    }
+    return *template_vertices_;
+  }
+
+  Eigen::Matrix<double, 3, 4> WorldFromTemplate(const std::string& place,
+                                                const json& instance) const {
     const json& matrix = Member(place + ".transformationMatrix", instance, "transformationMatrix");
     const bool good = matrix.is_array() && matrix.size() == 16 &&
                       std::all_of(matrix.begin(), matrix.end(),
@@ -206,9 +233,8 @@ class CityJsonReader {
     if (List(place + ".boundaries", at).size() != 1) {
       Fail(place + ".boundaries", "expected one index of a vertex");
     }
-    const Vector3d origin = VertexAt(place + ".boundaries", at[0], vertices_);
-    for (Vector3d& p : points) p = rows * p.homogeneous() + origin;
-    return points;
+    rows.col(3) += VertexAt(place + ".boundaries", at[0], vertices_);
+    return rows;
   }
 
   const Vector3d& VertexAt(const std::string& place, const json& index,
@@ -220,8 +246,10 @@ class CityJsonReader {
   }
 
   void AddSurfaces(const std::string& place, const json& boundaries, int lists,
-                   const std::vector<Vector3d>& vertices) {
+                   const Vertices& vertices) {
     List(place, boundaries);
+    constexpr size_t kReads = 10;  // a list takes as long as some corners, and may be empty
+    mesh_.CountRead([&] { return place; }, kReads);
     for (size_t i = 0; i < boundaries.size(); ++i) {
       const std::string at = fmt::format("{}[{}]", place, i);
       if (lists > 1) {
@@ -232,10 +260,13 @@ class CityJsonReader {
       for (const json& ring : List(at, boundaries[i])) {
         rings.emplace_back();
         for (const json& index : List(at, ring)) {
-          rings.back().push_back(VertexAt(at, index, vertices));
+          rings.back().push_back(VertexAt(at, index, vertices.points));
         }
+        if (!vertices.world_from_template) continue;
+        for (Vector3d& p : rings.back())
+          p = (*vertices.world_from_template * p.homogeneous()).eval();
       }
-      mesh_.AddPolygon(at, std::move(rings));
+      mesh_.AddPolygon([&] { return at; }, std::move(rings));
     }
   }
 
@@ -252,6 +283,7 @@ class CityJsonReader {
   CityMesh mesh_;
   json root_;
   std::vector<Vector3d> vertices_;
+  std::optional<std::vector<Vector3d>> template_vertices_;
 };
 
 }  // namespace

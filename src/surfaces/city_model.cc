@@ -78,12 +78,18 @@ std::optional<size_t> ChooseLevel(std::span<const double> levels, std::optional<
 }
 
 CityMesh::CityMesh(const std::filesystem::path& path, size_t file_bytes) : path_(path) {
-  constexpr size_t kCornersPerByte = 100;  // of trees that are one and the same
-  most_corners_ = kCornersPerByte * file_bytes;
+  constexpr size_t kReadsPerByte = 100;  // of trees that are one and the same
+  left_to_read_ = kReadsPerByte * file_bytes;
 }
 
-void CityMesh::AddPolygon(const std::string& name,
-                          std::vector<std::vector<Eigen::Vector3d>> rings) {
+void CityMesh::CountRead(const Place& place, size_t count) {
+  if (count > left_to_read_) {
+    throw InputError(path_, place(), "the file refers to its surfaces too often");
+  }
+  left_to_read_ -= count;
+}
+
+void CityMesh::AddPolygon(const Place& place, std::vector<std::vector<Eigen::Vector3d>> rings) {
   std::vector<uint32_t> corners, hole_begins;
   for (size_t i = 0; i < rings.size(); ++i) {
     auto& ring = rings[i];
@@ -91,7 +97,7 @@ void CityMesh::AddPolygon(const std::string& name,
     if (ring.size() > 1 && ring.front() == ring.back()) ring.pop_back();
     if (ring.size() < 3) {
       throw InputError(
-          path_, name,
+          path_, place(),
           fmt::format("expected a ring of three points or more, found {}", ring.size()));
     }
     if (i > 0) hole_begins.push_back(static_cast<uint32_t>(corners.size()));
@@ -100,10 +106,9 @@ void CityMesh::AddPolygon(const std::string& name,
       mesh_.positions.push_back(p);
     }
   }
-  if (rings.empty()) throw InputError(path_, name, "expected a ring of points, found none");
-  if (mesh_.positions.size() > std::min<size_t>(most_corners_, UINT32_MAX - 1)) {
-    throw InputError(path_, name, "the file refers to its surfaces too often");
-  }
+  if (rings.empty()) throw InputError(path_, place(), "expected a ring of points, found none");
+  CountRead(place, corners.size());
+  if (mesh_.positions.size() >= UINT32_MAX) throw InputError(path_, "has more than 2^32 corners");
   if (corners.size() > kMaxPolygonCorners) ++too_large_;
   AddFace(num_polygons_++, corners, {}, mesh_, hole_begins);
 }

@@ -7,6 +7,7 @@
 #include <array>
 #include <cstddef>
 #include <filesystem>
+#include <functional>
 #include <optional>
 #include <span>
 #include <string>
@@ -22,12 +23,19 @@ std::optional<size_t> ChooseLevel(std::span<const double> levels, std::optional<
 
 class CityMesh {
  public:
+  // Says where something stands in the file; asked where it is at fault.
+  using Place = std::function<std::string()>;
+
   // `file_bytes` bounds what its references to itself may make of it.
   CityMesh(const std::filesystem::path& path, size_t file_bytes);
 
-  // Rings of three corners or more, the outer one first; `name` says where it stands. Throws
-  // InputError where a ring is shorter, or the file refers to its surfaces too often.
-  void AddPolygon(const std::string& name, std::vector<std::vector<Eigen::Vector3d>> rings);
+  // Counts what is read, maybe once more through a reference, in corners. Throws InputError where
+  // the file refers to itself too often.
+  void CountRead(const Place& place, size_t count);
+
+  // Adds rings of three corners or more, the outer one first, and counts them. Throws InputError
+  // where a ring is shorter.
+  void AddPolygon(const Place& place, std::vector<std::vector<Eigen::Vector3d>> rings);
 
   void Warn(const std::string& message);
 
@@ -40,7 +48,7 @@ class CityMesh {
 
  private:
   std::filesystem::path path_;
-  size_t most_corners_;
+  size_t left_to_read_;
   size_t num_polygons_ = 0;
   size_t too_large_ = 0;
   RawMesh mesh_;

@@ -1,6 +1,7 @@
 // City models: the town of the demo, written by its own writers, and small files with a fault each.
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <memory>
 #include <set>
@@ -246,17 +247,61 @@ TEST(CityJson, TemplatesStandWhereTheirInstancesPutThem) {
             1e-6);
 }
 
-TEST(CityJson, BuildingsGiveWayToTheirPartsWhereTheseAreFiner) {
-  const auto with_part = [&](const std::string& level) {
-    return ReadMesh(
-        Write("parts.city.json",
-              SquareJson(R"("CityObjects":{)",
-                         R"("CityObjects":{"b":{"type":"Building","children":["a"],"geometry":)"
-                         R"([{"type":"MultiSurface","lod":)" +
-                             level + R"(,"boundaries":[[[0,1,2]]]}]},)")));
+TEST(CityJson, ReadsTheVerticesOfTemplatesOnce) {
+  constexpr int kNumInstances = 2000, kNumVertices = 100000;
+  std::string vertices = "[0,0,0],[1,0,0],[0,1,0]", trees;
+  for (int i = 0; i < kNumVertices; ++i) vertices += ",[0,0,0]";
+  for (int i = 0; i < kNumInstances; ++i) {
+    trees += fmt::format(
+        R"("t{}":{{"type":"Plant","geometry":[{{"type":"GeometryInstance","template":0,)"
+        R"("boundaries":[2],"transformationMatrix":[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]}}]}},)",
+        i);
+  }
+  const auto with = [&](const std::string& type, const std::string& boundaries) {
+    return Write("trees.city.json", SquareJson(R"("CityObjects":{)",
+                                               R"("geometry-templates":{"templates":[{"type":")" +
+                                                   type + R"(","lod":"2","boundaries":)" +
+                                                   boundaries + R"(}],"vertices-templates":[)" +
+                                                   vertices + R"(]},"CityObjects":{)" + trees));
   };
-  EXPECT_EQ(with_part("1.2").triangles.size(), 2u);
-  EXPECT_EQ(with_part("\"2.2\"").triangles.size(), 3u);
+  const auto begin = std::chrono::steady_clock::now();
+  EXPECT_EQ(ReadMesh(with("MultiSurface", "[[[0,1,2]]]")).triangles.size(), kNumInstances + 2u);
+  // Once more for each instance they took 20 s.
+  EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(10));
+  // Shells without surfaces add nothing to a mesh that would end it.
+  std::string shells = "[]";
+  for (int i = 0; i < 20000; ++i) shells += ",[]";
+  const auto file = with("Solid", "[" + shells + "]");
+  EXPECT_TRUE(FailsWithInputError(
+      [&] { ReadMesh(file); },
+      {".geometry[0].boundaries[", "the file refers to its surfaces too often"}));
+}
+
+// A square, of one level, and a triangle that is its child.
+TriangleMesh WithChild(const std::string& type, const std::string& level) {
+  return ReadMesh(
+      Write("parts.city.json",
+            SquareJson(R"("CityObjects":{"a":{"type":"Building",)",
+                       R"("CityObjects":{"b":{"type":")" + type +
+                           R"(","parents":["a"],"geometry":[{"type":"MultiSurface","lod":)" +
+                           level + R"(,"boundaries":[[[0,1,2]]]}]},)" +
+                           R"("a":{"type":"Building","children":["b"],)")));
+}
+
+TEST(CityJson, BuildingsGiveWayToTheirPartsWhereTheseAreFiner) {
+  EXPECT_EQ(WithChild("BuildingPart", "3.0").triangles.size(), 1u);
+  EXPECT_EQ(WithChild("BuildingPart", "\"2.2\"").triangles.size(), 3u);
+}
+
+TEST(CityJson, InstallationsAreAddedAndInteriorsAreLeftOut) {
+  for (const char* type : {"BuildingInstallation", "BridgeConstructiveElement", "CityFurniture"}) {
+    EXPECT_EQ(WithChild(type, "3").triangles.size(), 3u) << type;
+  }
+  for (const char* type :
+       {"BuildingRoom", "BuildingFurniture", "BuildingStorey", "BuildingUnit", "BridgeRoom",
+        "BridgeFurniture", "TunnelHollowSpace", "TunnelFurniture"}) {
+    EXPECT_EQ(WithChild(type, "3").triangles.size(), 2u) << type;
+  }
 }
 
 TEST(CityJson, IsRecognizedWhereItsTypeComesLast) {
@@ -282,6 +327,52 @@ TEST(CityModels, SaysWhereASystemIsUnknownOrMeantForElsewhere) {
   }
   EXPECT_NE(warnings_of("local").find("srsName: \"local\" is no known system"), std::string::npos);
   EXPECT_NE(warnings_of("EPSG:27700").find("is not where EPSG:27700"), std::string::npos);
+}
+
+TEST(CityGml, ImplicitGeometriesAndOpeningsReplaceNothing) {
+  const auto implicit =
+      ReadMesh(Write("a.gml", SquareGml(kSquarePolygon,
+                                        "<lod3ImplicitRepresentation><ImplicitGeometry/>"
+                                        "</lod3ImplicitRepresentation>")));
+  EXPECT_EQ(implicit.triangles.size(), 2u);
+  ASSERT_EQ(implicit.warnings.size(), 1u);
+  EXPECT_NE(implicit.warnings[0].find("1 implicit geometries (trees, furniture) are left out"),
+            std::string::npos);
+  const auto with_window = [&](const std::string& level) {
+    return ReadMesh(
+        Write("b.gml",
+              SquareGml(kSquarePolygon,
+                        "<boundedBy><WallSurface><opening><Window><lod" + level +
+                            "MultiSurface><gml:Triangle><gml:exterior><gml:LinearRing>"
+                            "<gml:posList>500000 5900000 1 500001 5900000 1 500001 5900001 1"
+                            "</gml:posList></gml:LinearRing></gml:exterior></gml:Triangle></lod" +
+                            level + "MultiSurface></Window></opening></WallSurface></boundedBy>")));
+  };
+  EXPECT_EQ(with_window("3").triangles.size(), 2u);
+  EXPECT_EQ(with_window("2").triangles.size(), 3u);
+  // A finer construction is added.
+  std::string pier = kSquarePolygon;
+  pier.replace(pier.find("\"p\""), 3, "\"q\"");
+  EXPECT_EQ(
+      ReadMesh(Write("c.gml", SquareGml(kSquarePolygon,
+                                        "<outerBridgeConstruction><X><lod3MultiSurface>" + pier +
+                                            "</lod3MultiSurface></X>"
+                                            "</outerBridgeConstruction>")))
+          .triangles.size(),
+      4u);
+}
+
+TEST(CityGml, RefusesReferencesThatMakeMuchOfLittle) {
+  std::string nothing, buildings;
+  for (int i = 0; i < 100000; ++i) nothing += "<a/>";
+  for (int i = 0; i < 20000; ++i) {
+    buildings +=
+        "<cityObjectMember><B><lod1Solid><s href=\"#n\"/></lod1Solid></B></cityObjectMember>";
+  }
+  const auto file = Write(
+      "many.gml", "<CityModel><x><y id=\"n\">" + nothing + "</y></x>" + buildings + "</CityModel>");
+  EXPECT_TRUE(FailsWithInputError([&] { ReadMesh(file); },
+                                  {"xlink:href", "the file refers to its surfaces too often"}));
 }
 
 TEST(CityGml, ReadsPolygonsOnceHoweverTheyAreReferredTo) {
