@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "geometry/axis_order.h"
 #include <Eigen/SVD>
 #include <dlfcn.h>
 #include <fmt/format.h>
@@ -298,6 +299,16 @@ void Crs::Check(const Vector3d& point) const {
           ? fmt::format("; its first two numbers seem to be swapped, expected {}",
                         kind_ == CrsKind::kGeographic ? "longitude, latitude" : "easting, northing")
           : ""));
+}
+
+bool NorthingsComeFirst(const Crs& crs) {
+  const Crs::Geographic& system = crs.geographic();
+  const Object axes(proj_crs_get_coordinate_system(system.context.get(), system.horizontal.get()));
+  const char* direction = nullptr;
+  return axes &&
+         proj_cs_get_axis_info(system.context.get(), axes.get(), 0, nullptr, nullptr, &direction,
+                               nullptr, nullptr, nullptr, nullptr) != 0 &&
+         std::string_view(direction) == "north";
 }
 
 WorldFrame WorldFrame::Parse(const std::string& given) {

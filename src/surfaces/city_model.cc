@@ -7,6 +7,7 @@
 #include <string_view>
 #include <utility>
 
+#include "geometry/axis_order.h"
 #include "surfaces/input_files.h"
 #include <fmt/format.h>
 
@@ -30,14 +31,15 @@ std::optional<int> LeadingCode(std::string_view text) {
 
 // Returns the EPSG code of the horizontal or compound system that stands first: of "EPSG:25832",
 // "urn:ogc:def:crs:EPSG::25832", "urn:ogc:def:crs,crs:EPSG:6.12:25832,crs:EPSG:6.12:5783",
-// "https://www.opengis.net/def/crs/EPSG/0/7415", "urn:adv:crs:ETRS89_UTM32*DE_DHHN2016_NH".
+// "https://www.opengis.net/def/crs/EPSG/0/7415", ".../def/crs-compound?1=.../EPSG/0/25832&2=...",
+// "urn:adv:crs:ETRS89_UTM32*DE_DHHN2016_NH".
 std::optional<int> EpsgCode(std::string_view system) {
   constexpr std::string_view kAuthority = "EPSG", kUtm = "ETRS89_UTM";
   size_t at = system.find(kAuthority);
   if (at == std::string_view::npos) at = system.find("epsg");
   if (at != std::string_view::npos) {
     std::string_view rest = system.substr(at + kAuthority.size());
-    rest = rest.substr(0, rest.find(','));
+    rest = rest.substr(0, rest.find_first_of(",&"));
     const size_t last = rest.find_last_of(":/#");
     return last == std::string_view::npos ? std::nullopt : LeadingCode(rest.substr(last + 1));
   }
@@ -56,6 +58,21 @@ std::optional<Crs> CrsOf(const std::string& system) {
     return Crs(fmt::format("EPSG:{}", *code));
   } catch (const InputError&) {
     return std::nullopt;
+  }
+}
+
+// Returns whether `system` means the axes as EPSG orders them: a URN or URL of the OGC does.
+bool NamesOrderOfAuthority(std::string_view system) {
+  return system.find("ogc:def:crs") != std::string_view::npos ||
+         system.find("/def/crs") != std::string_view::npos;
+}
+
+bool Fits(const Crs& crs, const Eigen::Vector3d& point) {
+  try {
+    crs.Check(point);
+    return true;
+  } catch (const InputError&) {
+    return false;
   }
 }
 
@@ -130,8 +147,16 @@ void CityMesh::CheckPlace(const std::string& field, const std::string& system) {
         fmt::format("coordinates in degrees ({}): expected a projected system", crs->definition()));
   }
   if (mesh_.positions.empty() || !IsUsablePosition(mesh_.positions.front())) return;
+  const Eigen::Vector3d& p = mesh_.positions.front();
   try {
-    crs->Check(mesh_.positions.front());
+    crs->Check(p);
+    if (!NamesOrderOfAuthority(system) || !NorthingsComeFirst(*crs)) return;
+    if (!Fits(*crs, {p.y(), p.x(), p.z()})) return;
+    Warn(fmt::format(
+        "{}: {} orders northing before easting, which most files do not: easting {:.9g}, northing "
+        "{:.9g} is taken, but the other order is possible here, too; a place known from a map "
+        "tells which it is",
+        field, crs->definition(), p.x(), p.y()));
   } catch (const InputError& error) {
     Warn(fmt::format("{}: {}", field, error.what()));
   }

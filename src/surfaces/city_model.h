@@ -41,7 +41,8 @@ class CityMesh {
 
   // Looks at where the surfaces that were added are. `system` is what the file says: a URN, a URL or
   // a short name of an EPSG code, of a compound system, or as German surveys write it. Throws
-  // InputError where it is in degrees; warns where it is unknown or not meant for this place.
+  // InputError where it is in degrees; warns where it is unknown, not meant for this place or has
+  // northings before eastings that cannot be told from them.
   void CheckPlace(const std::string& field, const std::string& system);
 
   RawMesh Finish() &&;

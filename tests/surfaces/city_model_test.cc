@@ -322,11 +322,34 @@ TEST(CityModels, SaysWhereASystemIsUnknownOrMeantForElsewhere) {
        {"EPSG:25832", "urn:ogc:def:crs:EPSG::25832", "urn:ogc:def:crs:EPSG:6.12:25832",
         "urn:ogc:def:crs,crs:EPSG:6.12:25832,crs:EPSG:6.12:5783",
         "http://www.opengis.net/def/crs/EPSG/0/25832", "urn:adv:crs:ETRS89_UTM32*DE_DHHN2016_NH",
-        "http://www.opengis.net/gml/srs/epsg.xml#25832"}) {
+        "http://www.opengis.net/gml/srs/epsg.xml#25832",
+        "http://www.opengis.net/def/crs-compound?1=http://www.opengis.net/def/crs/EPSG/0/25832&amp;"
+        "2=http://www.opengis.net/def/crs/EPSG/0/7837"}) {
     EXPECT_EQ(warnings_of(known), "") << known;
   }
   EXPECT_NE(warnings_of("local").find("srsName: \"local\" is no known system"), std::string::npos);
   EXPECT_NE(warnings_of("EPSG:27700").find("is not where EPSG:27700"), std::string::npos);
+}
+
+TEST(CityModels, SaysWhereTheOrderOfAxesCannotBeTold) {
+  const auto warnings_of = [&](const std::string& system, const std::string& place) {
+    std::string polygon = "<gml:Polygon><gml:exterior><gml:LinearRing><gml:posList>" + place +
+                          " 1 486010 637000 1 486010 637010 1</gml:posList></gml:LinearRing>"
+                          "</gml:exterior></gml:Polygon>";
+    const auto warnings = ReadMesh(Write("town.gml", SquareGml(polygon, "", system))).warnings;
+    return warnings.empty() ? std::string() : warnings.front();
+  };
+  for (const char* system :
+       {"urn:ogc:def:crs:EPSG::2180", "http://www.opengis.net/def/crs/EPSG/0/2180"}) {
+    EXPECT_NE(warnings_of(system, "486000 637000")
+                  .find("srsName: EPSG:2180 orders northing before easting, which most files do "
+                        "not: easting 486000, northing 637000 is taken"),
+              std::string::npos);
+  }
+  // A short name means no order, the British grid has eastings first, and one that fits is certain.
+  EXPECT_EQ(warnings_of("EPSG:2180", "486000 637000"), "");
+  EXPECT_EQ(warnings_of("urn:ogc:def:crs:EPSG::27700", "300000 400000"), "");
+  EXPECT_EQ(warnings_of("urn:ogc:def:crs:EPSG::3006", "674000 6580000"), "");
 }
 
 TEST(CityGml, ImplicitGeometriesAndOpeningsReplaceNothing) {
