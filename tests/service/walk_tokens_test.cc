@@ -20,8 +20,7 @@ ServedWalk MakeServedWalk() {
   constexpr double kExtent = 5;
   ServedWalk walk{.scale = OdometryScale::kUnknown, .state = {.last_time_s = 0.1}};
   for (int i = 0; i < 3; ++i) {
-    WalkEvidence frame{.cam_from_odometry = RandomRigid3(rng, kExtent),
-                       .since_before = {0.5 * i, 0.1}};
+    WalkEvidence frame{RandomRigid3(rng, kExtent), std::nullopt, {0.5 * i, 0.1}};
     if (i != 1) {
       frame.single =
           SinglePose{RandomRigid3(rng, kExtent), Eigen::Matrix<double, 6, 6>::Random(), 0.25 * i};
@@ -83,7 +82,9 @@ TEST(WalkTokens, AreRefusedWhereAnyByteIsAnother) {
     std::string forged = token;
     forged[i] = forged[i] == 'A' ? 'B' : 'A';
     EXPECT_EQ(StatusOf(tokens, forged), 400) << i;
-    if (i % 7 == 0) EXPECT_EQ(StatusOf(tokens, token.substr(0, i)), 400) << i;
+    if (i % 7 == 0) {
+      EXPECT_EQ(StatusOf(tokens, token.substr(0, i)), 400) << i;
+    }
   }
 }
 

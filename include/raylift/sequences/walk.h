@@ -36,9 +36,9 @@ struct Walk {
 //   a COLMAP model's folder, or a pose file, lines `name qw qx qy qz tx ty tz` (world to camera); a
 //     kapture data set; nerfstudio's transforms.json: names tell, without the leading folders that
 //     photographs are called without.
-//   lines of JSON, `{"timestamp": SECONDS, "name": PHOTOGRAPH, "transform": [...]}`, of which one of
-//     the first two may be missing: a 4x4 matrix, camera to world, by rows or columns, of a camera
-//     with x right, y up, z backward, as ARKit and ARCore have it.
+//   lines of JSON, `{"timestamp": SECONDS, "name": PHOTOGRAPH, "transform": [...]}`, of which one
+//     of the first two may be missing: a 4x4 matrix, camera to world, by rows or columns, of a
+//     camera with x right, y up, z backward, as ARKit and ARCore have it.
 //
 // The times of the photographs are in the file `times` (lines `name seconds`) or, where that is
 // empty, in the odometry, or in their names as TUM's data sets have them
