@@ -8,6 +8,7 @@
 #include "apps/options.h"
 #include "base/progress.h"
 #include <fmt/format.h>
+#include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
@@ -43,6 +44,22 @@ void Check(const LocalizeFlags& localize) {
   }
 }
 
+// Returns the line of queries.jsonl, as a local run has it. Throws InputError for anything else.
+std::string LineOf(std::string answer, const Query& query) {
+  while (answer.ends_with('\n')) answer.pop_back();
+  const auto json = nlohmann::json::parse(answer, nullptr, false);
+  if (!json.is_object() || json.value("name", nlohmann::json()) != query.name ||
+      answer.find('\n') != std::string::npos) {
+    throw InputError(
+        fmt::format("{}: expected the server to answer a line of queries.jsonl, found "
+                    "\"{}\"",
+                    query.name, answer.substr(0, 80)));
+  }
+  // Where the server knows its scene's place on the earth, this is the last member.
+  if (json.contains("geopose")) answer = answer.substr(0, answer.rfind(",\"geopose\":")) + '}';
+  return answer;
+}
+
 std::string ReadToken(const std::filesystem::path& file) {
   if (file.empty()) return {};
   std::string token(Trim(ReadFile(file)));
@@ -76,6 +93,9 @@ void AddRemoteOptions(CLI::App& command, RemoteFlags& flags) {
 
 void LocalizeRemotely(const RemoteFlags& flags, const LocalizeFlags& localize) {
   Check(localize);
+  RequireWritable(localize.out / "queries.jsonl");
+  std::error_code ignored;
+  std::filesystem::remove(localize.out, ignored);  // where it is empty: nothing is there yet
   const Client client({.server = *flags.server, .token = ReadToken(flags.token_file)});
   const std::filesystem::path images = localize.QueryImages();
   const std::vector<Query> queries = ReadQueryList(localize.queries, images);
@@ -84,7 +104,8 @@ void LocalizeRemotely(const RemoteFlags& flags, const LocalizeFlags& localize) {
       [&] {
         Progress progress("queries", queries.size(), localize.run.Show());
         ParallelFor(queries.size(), localize.run.threads, [&](size_t i) {
-          lines[i] = client.Localize(queries[i], ReadFile(images / queries[i].name));
+          lines[i] =
+              LineOf(client.Localize(queries[i], ReadFile(images / queries[i].name)), queries[i]);
           progress.Advance();
         });
       },

@@ -43,7 +43,10 @@ struct LocalRay {
   Eigen::Vector3f float_direction;
 };
 
-// nullopt if a number is not finite or the direction has no length.
+// Embree takes no origin beyond half the root of the largest float.
+constexpr float kMostOfOrigin = 1e18f;
+
+// nullopt if a number is not finite or too large, or the direction has no length.
 std::optional<LocalRay> MakeLocalRay(const EmbreeSurface& surface,
                                      const Eigen::Vector3d& origin_in_world,
                                      const Eigen::Vector3d& direction, double length) {
@@ -55,6 +58,7 @@ std::optional<LocalRay> MakeLocalRay(const EmbreeSurface& surface,
   ray.float_origin = (ray.origin + ray.shift * ray.direction).cast<float>();
   ray.float_direction = ray.direction.cast<float>();
   if (!ray.float_origin.allFinite() || !ray.float_direction.allFinite()) return std::nullopt;
+  if (!(ray.float_origin.cwiseAbs().maxCoeff() < kMostOfOrigin)) return std::nullopt;
   return ray;
 }
 

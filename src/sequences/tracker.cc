@@ -1,6 +1,7 @@
 #include "raylift/sequences/tracker.h"
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 #include "sequences/anchors.h"
@@ -67,6 +68,9 @@ TrackedPose Tracker::Add(const Query& query, const LocalizedQuery& alone,
 TrackedPose Track(const WalkedPhotograph& photograph, const SceneDistances& distances,
                   const SmoothingOptions& options, WalkState& state) {
   const auto& [query, alone, cam_from_odometry, time_s] = photograph;
+  if (!std::isfinite(time_s)) {
+    throw InputError(fmt::format("{}: expected a finite time, found {}", query.name, time_s));
+  }
   if (state.last_time_s && !(time_s > *state.last_time_s)) {
     throw InputError(fmt::format("{}: expected a time after {} s, found {} s", query.name,
                                  FormatDouble(*state.last_time_s), FormatDouble(time_s)));

@@ -59,13 +59,19 @@ std::string BoundaryFor(const std::string& photograph) {
   return boundary;
 }
 
+// HOST:PORT; an address of version 6 stands in brackets.
+std::string AuthorityOf(const ServerUrl& server) {
+  const bool is_v6 = server.host.find(':') != std::string::npos;
+  return fmt::format(is_v6 ? "[{}]:{}" : "{}:{}", server.host, server.port);
+}
+
 http::request<http::string_body> RequestOf(const ClientOptions& options, const Query& query,
                                            const std::string& photograph) {
   const std::string boundary = BoundaryFor(photograph);
   const ServerUrl& server = options.server;
   http::request<http::string_body> request(http::verb::post,
                                            server.path + "/v1/localize" + server.parameters, 11);
-  request.set(http::field::host, server.host + ':' + server.port);
+  request.set(http::field::host, AuthorityOf(server));
   request.set(http::field::user_agent, "raylift");
   request.set(http::field::connection, "close");
   request.set(http::field::content_type, "multipart/form-data; boundary=" + boundary);
@@ -106,8 +112,9 @@ std::optional<std::chrono::seconds> RetryAfter(const Response& response) {
                        response.result() == http::status::service_unavailable;
   const std::string after(response[http::field::retry_after]);
   const auto seconds = ParseInt(after);
-  if (!is_busy || !seconds || *seconds < 0) return std::nullopt;
-  return std::chrono::seconds(*seconds);
+  constexpr int64_t kLongest = 86'400;
+  if (!is_busy || !seconds || *seconds < 0 || *seconds > kLongest) return std::nullopt;
+  return std::chrono::seconds(std::max<int64_t>(*seconds, 1));
 }
 
 // What a problem's JSON says, or the status where there is none.
@@ -168,7 +175,7 @@ std::string Client::Localize(const Query& query, const std::string& photograph) 
       continue;
     }
     if (error) {
-      throw InputError(fmt::format("http://{}:{}: {}", server.host, server.port, error.message()));
+      throw InputError(fmt::format("http://{}: {}", AuthorityOf(server), error.message()));
     }
     if (response.result() == http::status::ok) return std::move(response.body());
     const auto wait = RetryAfter(response);

@@ -117,13 +117,26 @@ LocalizeRequest ReadPhotograph(const JsonPlace& readings, const std::string& nam
   readings.Fail("expected cameraReadings with a photograph");
 }
 
+constexpr double kFarthestFromEllipsoidM = 1e5;
+constexpr double kLargestAccuracyM = 2e7;  // from a pole to the other
+
+// Fails where its magnitude is larger.
+std::optional<double> NumberWithin(const JsonPlace& reading, std::string_view name, double most) {
+  const auto number = NumberIn(reading, name);
+  if (number && !(std::abs(*number) <= most)) {
+    const JsonPlace place = reading.Member(name);
+    place.Fail(fmt::format("must lie between -{0} and {0}", most));
+  }
+  return number;
+}
+
 RoughPosition ReadGeolocation(const JsonPlace& reading) {
   const JsonPlace latitude = reading.Member("latitude"), longitude = reading.Member("longitude");
-  RoughPosition position{
-      {longitude.Number(), latitude.Number(), NumberIn(reading, "altitude").value_or(0)}};
-  const double accuracy_m = NumberIn(reading, "accuracy").value_or(0);
+  const auto altitude_m = NumberWithin(reading, "altitude", kFarthestFromEllipsoidM);
+  RoughPosition position{{longitude.Number(), latitude.Number(), altitude_m.value_or(0)}};
+  const double accuracy_m = NumberWithin(reading, "accuracy", kLargestAccuracyM).value_or(0);
   if (!(accuracy_m > 0)) return position;
-  const bool has_height = NumberIn(reading, "altitudeAccuracy").value_or(0) > 0;
+  const bool has_height = altitude_m && NumberIn(reading, "altitudeAccuracy").value_or(0) > 0;
   position.sigma_m = GnssSigmaMeters(accuracy_m, has_height);
   return position;
 }

@@ -34,12 +34,12 @@ std::optional<ScenePlace::Camera> ScenePlace::CameraOf(const PoseEstimate& estim
   }
 }
 
-std::optional<Eigen::Vector3d> ScenePlace::InCrs(const Eigen::Vector3d& geographic) const {
+std::optional<ScenePlace::Place> ScenePlace::PlaceAt(const Eigen::Vector3d& geographic) const {
   try {
     wgs84_.Check(geographic);
     const Eigen::Vector3d in_crs = to_crs_(geographic);
     earth_.world().crs.Check(in_crs);
-    return in_crs;
+    return Place{in_crs, LocalFrameAt(earth_.world().crs, in_crs).crs_from_enu};
   } catch (const InputError&) {
     return std::nullopt;
   }
@@ -47,13 +47,12 @@ std::optional<Eigen::Vector3d> ScenePlace::InCrs(const Eigen::Vector3d& geograph
 
 std::optional<double> ScenePlace::DistanceMeters(const RoughPosition& position) const {
   const std::lock_guard lock(mutex_);
-  const auto in_crs = InCrs(position.geographic);
-  if (!in_crs) return std::nullopt;
-  const Eigen::Matrix3d enu_from_crs =
-      LocalFrameAt(earth_.world().crs, *in_crs).crs_from_enu.inverse();
+  const auto place = PlaceAt(position.geographic);
+  if (!place) return std::nullopt;
+  const Eigen::Matrix3d enu_from_crs = place->crs_from_enu.inverse();
   double nearest = std::numeric_limits<double>::infinity();
   for (const Eigen::Vector3d& reference : references_in_crs_) {
-    nearest = std::min(nearest, (enu_from_crs * (reference - *in_crs)).head<2>().norm());
+    nearest = std::min(nearest, (enu_from_crs * (reference - place->in_crs)).head<2>().norm());
   }
   return nearest;
 }
@@ -61,11 +60,11 @@ std::optional<double> ScenePlace::DistanceMeters(const RoughPosition& position) 
 std::optional<PositionPrior> ScenePlace::PriorOf(const RoughPosition& position) const {
   if (!position.sigma_m) return std::nullopt;
   const std::lock_guard lock(mutex_);
-  const auto in_crs = InCrs(position.geographic);
-  if (!in_crs) return std::nullopt;
-  const Eigen::Matrix3d crs_from_enu = LocalFrameAt(earth_.world().crs, *in_crs).crs_from_enu;
-  return PositionPrior{.position = *in_crs - earth_.world().origin,
-                       .sigma = (crs_from_enu * position.sigma_m->asDiagonal()).rowwise().norm()};
+  const auto place = PlaceAt(position.geographic);
+  if (!place) return std::nullopt;
+  return PositionPrior{
+      .position = place->in_crs - earth_.world().origin,
+      .sigma = (place->crs_from_enu * position.sigma_m->asDiagonal()).rowwise().norm()};
 }
 
 std::optional<std::string> ScenePlace::Warning() const {

@@ -49,7 +49,12 @@ class ScenePlace {
   std::optional<std::string> Warning() const;
 
  private:
-  std::optional<Eigen::Vector3d> InCrs(const Eigen::Vector3d& geographic) const;
+  struct Place {
+    Eigen::Vector3d in_crs;
+    Eigen::Matrix3d crs_from_enu;  // LocalFrame::crs_from_enu
+  };
+  // nullopt where the system is not meant for it.
+  std::optional<Place> PlaceAt(const Eigen::Vector3d& geographic) const;
 
   mutable std::mutex mutex_;  // PROJ's objects are for one thread at a time
   EarthFrame earth_;

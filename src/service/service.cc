@@ -20,6 +20,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/base/parallel.h"
 #include "raylift/localization/result_files.h"
 #include "raylift/localization/scene_calibration.h"
 
@@ -172,10 +173,12 @@ std::map<std::string, std::string> ParseParameters(std::string_view target) {
   return parameters;
 }
 
+bool AnswerWatch::IsOver() const { return *is_gone || Clock::now() >= deadline; }
+
 void AnswerWatch::Check() const {
+  if (!IsOver()) return;
   if (*is_gone) throw Problem(503, "the client has gone");
-  if (Clock::now() < deadline) return;
-  throw TryLater(503, "the photograph could not be localized in time");
+  throw TryLater(503, "there was no answer in time");
 }
 
 Service::Service(const ServerOptions& options)
@@ -270,9 +273,9 @@ std::optional<HttpAnswer> Service::AnswerHead(const HttpRequest& head, bool is_r
       answer.headers.emplace_back("Allow", is_get ? "GET, HEAD" : "POST");
       return answer;
     }
-    // Whether it is well is no secret.
-    const bool is_probe = path == "/healthz" || path == "/readyz";
-    if (tokens_ && !is_probe) tokens_->Admit(head.authorization, AnswerWatch::Clock::now());
+    // Whether it is well is no secret, nor is the page, which asks for a token itself.
+    const bool is_open = path == "/healthz" || path == "/readyz" || path == "/";
+    if (tokens_ && !is_open) tokens_->Admit(head.authorization, AnswerWatch::Clock::now());
     if (!is_get) {
       if (path == kGeoPosePath) {
         PlacedScenesOf(head);
@@ -387,10 +390,18 @@ const Service::Opened& Service::NearestOf(std::span<const std::shared_ptr<const 
   throw Problem(404, "scene", "scene: none is near to where the photograph was taken");
 }
 
-HttpAnswer Service::AnswerView(const HttpRequest& request) const {
+HttpAnswer Service::AnswerView(const HttpRequest& request, const AnswerWatch& watch) const {
   const auto opened = SceneOf(request);
-  return {.content_type = "image/jpeg",
-          .body = RenderView(ReadViewRequest(request.body), opened->scene.localizer->scene())};
+  const ViewRequest view = ReadViewRequest(request.body);
+  // There are lenses that take minutes.
+  const CallWatch call({.stop_wanted = [&] { return watch.IsOver(); }});
+  try {
+    return {.content_type = "image/jpeg",
+            .body = RenderView(view, opened->scene.localizer->scene())};
+  } catch (const Cancelled&) {
+    watch.Check();
+    throw;
+  }
 }
 
 HttpAnswer Service::AnswerGeoPose(const HttpRequest& request, const AnswerWatch& watch) {
@@ -414,7 +425,7 @@ HttpAnswer Service::Localize(const HttpRequest& request, const AnswerWatch& watc
   try {
     return AsProblems(options_, [&] {
       watch.Check();
-      HttpAnswer answer = PathOf(request) == kViewPath      ? AnswerView(request)
+      HttpAnswer answer = PathOf(request) == kViewPath      ? AnswerView(request, watch)
                           : PathOf(request) == kGeoPosePath ? AnswerGeoPose(request, watch)
                                                             : AnswerLocalize(request, watch);
       Complete(request, answer);

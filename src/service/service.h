@@ -46,7 +46,9 @@ struct AnswerWatch {
   Clock::time_point deadline;
   std::shared_ptr<std::atomic<bool>> is_gone;  // the client; null: no work is done for it
 
-  // Throws Problem where nobody does.
+  // Returns whether nobody waits any more.
+  bool IsOver() const;
+  // Throws Problem then.
   void Check() const;
 };
 
@@ -96,7 +98,7 @@ class Service {
   using OpenedScenes = std::map<std::string, std::shared_ptr<const Opened>>;
 
   HttpAnswer AnswerLocalize(const HttpRequest& request, const AnswerWatch& watch);
-  HttpAnswer AnswerView(const HttpRequest& request) const;
+  HttpAnswer AnswerView(const HttpRequest& request, const AnswerWatch& watch) const;
   HttpAnswer AnswerGeoPose(const HttpRequest& request, const AnswerWatch& watch);
 
   // Counts an answer and adds what belongs to all of them.

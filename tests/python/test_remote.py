@@ -27,7 +27,7 @@ def server(run):
     tokens = run.parent / "tokens.txt"
     tokens.write_text("secret\n")
     with Server("--cache", run / "cache", "--scene-calibration", run / "scene_calibration.json",
-                "--tokens", tokens, "--max-queue", "1") as server:
+                "--tokens", tokens, "--max-queue", "1", "--crs", "EPSG:25832@460000,5420000,100") as server:
         yield server
 
 

@@ -160,6 +160,9 @@ def test_a_view_is_what_the_camera_of_an_answer_sees(server, tmp_path):
     assert np.corrcoef(seen.ravel(), taken.ravel())[0, 1] > 0.8
     (tmp_path / "large.jpg").write_bytes(view(camera="PINHOLE 6000 4000 5000 5000 3000 2000")[2])
     assert raylift.read_image(tmp_path / "large.jpg").shape[:2] == (640, 960)
+    # Embree itself would end the process.
+    far = view(camera="PINHOLE 64 48 50 50 32 24", cam_from_world={"qvec": [1, 0, 0, 0], "tvec": [2e18, 0, 1e19]})
+    assert far[0] == 200 and server.ask("/healthz")[0] == 200
     problem(view(camera="PINHOLE 640"), 400, "body.camera")
     problem(view(more=1), 400, "body.more")
     problem(view(cam_from_world={"qvec": [0, 0, 0, 0], "tvec": [0, 0, 0]}), 400, "body.cam_from_world.qvec")

@@ -68,6 +68,10 @@ def test_what_is_no_walk_is_refused(hloc, localizer, odometry):
     tracker.add(alone, cam_from_odometry=odometry[name], time=1)
     with pytest.raises(raylift.InputError, match="expected a time after 1 s, found 1 s"):
         tracker.add(alone, cam_from_odometry=odometry[name], time=1)
+    with pytest.raises(raylift.InputError, match="expected a finite time, found nan"):
+        raylift.Tracker(localizer).add(alone, cam_from_odometry=odometry[name], time=float("nan"))
+    with pytest.raises(TypeError, match="belong to a photograph"):
+        tracker.add(alone, hloc.queries[0][1], cam_from_odometry=odometry[name], time=2)
     with pytest.raises(raylift.OptionError, match="odometry_scale"):
         raylift.Tracker(localizer, odometry_scale="guessed")
     with pytest.raises(raylift.OptionError, match="min_confidence"):

@@ -257,6 +257,10 @@ TEST(RayCaster, RaysThatAreNotFiniteMiss) {
   const Eigen::Vector3d forward(0, 0, 1);
   EXPECT_FALSE(CastOne(caster, {{nan, 0, 0}, forward}));
   EXPECT_FALSE(CastOne(caster, {{infinity, 0, 0}, forward}));
+  // Embree ends the process for these.
+  EXPECT_FALSE(CastOne(caster, {{2e18, 0, 0}, forward}));
+  EXPECT_FALSE(CastOne(caster, {{0, 0, 1e30}, forward}));
+  EXPECT_FALSE(caster.IsOccluded({{0, 2e18, 0}, forward}));
   EXPECT_FALSE(CastOne(caster, {{0, 0, 0}, {0, nan, 1}}));
   EXPECT_FALSE(CastOne(caster, {{0, 0, 0}, {0, 0, 0}}));
   EXPECT_FALSE(caster.IsOccluded({{0, 0, 0}, {0, 0, 0}}));

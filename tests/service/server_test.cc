@@ -1,5 +1,6 @@
 #include "raylift/service/server.h"
 
+#include <chrono>
 #include <future>
 
 #include <gtest/gtest.h>
@@ -11,6 +12,8 @@ TEST(Server, StopEndsItsRunFromAnotherThread) {
   Server server([] { return std::vector<ServedScene>(); }, {.port = 0, .threads = 1});
   const auto run = std::async(std::launch::async, [&] { server.Run(); });
   server.Stop();
+  // Else its future would wait for ever.
+  ASSERT_EQ(run.wait_for(std::chrono::minutes(1)), std::future_status::ready) << std::flush;
 }
 
 }  // namespace

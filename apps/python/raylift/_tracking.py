@@ -37,4 +37,6 @@ class Tracker:
         Raises InputError where the time does not grow."""
         if not isinstance(query, _core.LocalizedQuery):
             query = self._localizer.localize(query, camera, **priors)
+        elif camera is not None or priors:
+            raise TypeError("camera and priors belong to a photograph; the LocalizedQuery has its own")
         return self._walk.add(query, cam_from_odometry, time)
