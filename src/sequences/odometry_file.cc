@@ -164,8 +164,9 @@ Odometry OfJsonLines(const path& file) {
     if (!world_from_cam) fail("transform: expected a right-handed rotation and a translation");
     const Rigid3 cam_from_world =
         CamFromWorld(*world_from_cam, PoseConvention::kWorldFromOpenGlCamera);
-    if (line.name.has_value() != read.front().name.has_value()) {
-      fail("some lines have a name and some have none");
+    if (line.name.has_value() != read.front().name.has_value() ||
+        line.time_s.has_value() != read.front().time_s.has_value()) {
+      fail("expected name and timestamp in all lines or in none");
     }
     if (!line.name) {
       AddAtTime(*line.time_s, cam_from_world, odometry.by_time, fail);

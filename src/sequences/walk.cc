@@ -40,21 +40,46 @@ TimesByName TimesInNames(std::span<const std::string> names) {
   return times;
 }
 
-// Returns the times that are known, in seconds.
-TimesByName TimesOf(const path& file, const Odometry& odometry,
-                    std::span<const std::string> names) {
-  if (file.empty() && !odometry.times.empty()) return odometry.times;
-  TimesByName times = file.empty() ? TimesInNames(names) : ReadTimes(file);
-  double latest = 0;
-  for (const auto& [name, time] : times) latest = std::max(latest, time);
-  for (auto& [name, time] : times) time *= SecondsPerTick(latest);
-  return times;
-}
-
 // What follows the first folder of a name; nothing where it has none.
 std::string_view AfterFolder(std::string_view name) {
   const size_t slash = name.find('/');
   return slash == std::string_view::npos ? std::string_view() : name.substr(slash + 1);
+}
+
+// Returns what those names have that have something: the name itself, or the only one that ends in
+// it from a folder on, as "images/a.jpg" does in "a.jpg".
+template <typename T>
+std::map<std::string, T> OfNames(std::span<const std::string> names,
+                                 const std::map<std::string, T>& values) {
+  std::map<std::string_view, std::vector<const T*>> by_end;
+  for (const auto& [name, value] : values) {
+    for (std::string_view end = name; !end.empty(); end = AfterFolder(end)) {
+      by_end[end].push_back(&value);
+    }
+  }
+  std::map<std::string, T> found;
+  for (const std::string& name : names) {
+    const auto same = values.find(name);
+    const auto ends = by_end.find(name);
+    if (same != values.end()) {
+      found.emplace(name, same->second);
+    } else if (ends != by_end.end() && ends->second.size() == 1) {
+      found.emplace(name, *ends->second.front());
+    }
+  }
+  return found;
+}
+
+// Returns the times that are known, in seconds.
+TimesByName TimesOf(const path& file, const Odometry& odometry,
+                    std::span<const std::string> names) {
+  TimesByName times = !file.empty()             ? ReadTimes(file)
+                      : !odometry.times.empty() ? OfNames(names, odometry.times)
+                                                : TimesInNames(names);
+  double latest = 0;
+  for (const auto& [name, time] : times) latest = std::max(latest, time);
+  for (auto& [name, time] : times) time *= SecondsPerTick(latest);
+  return times;
 }
 
 double MedianStep(std::span<const TimedPose> poses) {
@@ -97,28 +122,6 @@ void AddByTime(const path& file, std::span<const TimedPose> poses, const TimesBy
                           times.begin()->first, FormatDouble(times.begin()->second),
                           FormatDouble(poses.front().time_s), FormatDouble(poses.back().time_s)));
   }
-}
-
-// Returns the poses of those names that have one: of the name itself, or of the only one that ends
-// in it from a folder on, as "images/a.jpg" does in "a.jpg".
-PosesByName PosesOf(std::span<const std::string> names, const PosesByName& poses) {
-  std::map<std::string_view, std::vector<const Rigid3*>> by_end;
-  for (const auto& [name, pose] : poses) {
-    for (std::string_view end = name; !end.empty(); end = AfterFolder(end)) {
-      by_end[end].push_back(&pose);
-    }
-  }
-  PosesByName found;
-  for (const std::string& name : names) {
-    const auto same = poses.find(name);
-    const auto ends = by_end.find(name);
-    if (same != poses.end()) {
-      found.emplace(name, same->second);
-    } else if (ends != by_end.end() && ends->second.size() == 1) {
-      found.emplace(name, *ends->second.front());
-    }
-  }
-  return found;
 }
 
 // The number that a photograph's name is, but for folder and extension.
@@ -211,15 +214,15 @@ Walk ReadWalk(const path& file, const path& times, std::span<const std::string> 
     AddByTime(file, InSeconds(std::move(odometry.by_time)), known, names, walk);
   } else {
     if (known.empty()) known = PlacesByNumbers(names);
-    AddByName(odometry.in_order.empty() ? PosesOf(names, odometry.by_name)
+    AddByName(odometry.in_order.empty() ? OfNames(names, odometry.by_name)
                                         : PosesInOrder(file, names, odometry.in_order),
               known, names, walk);
   }
-  const bool moves_camera = cam_from_body.translation.isZero(0) &&
-                            cam_from_body.rotation.coeffs() == Rigid3{}.rotation.coeffs();
+  const bool body_is_camera = cam_from_body.translation.isZero(0) &&
+                              cam_from_body.rotation.coeffs() == Rigid3{}.rotation.coeffs();
   for (WalkFrame& frame : walk.frames) {
     // Poses of the camera itself stay as they are read, to the bit.
-    if (!moves_camera) frame.cam_from_odometry = cam_from_body * frame.cam_from_odometry;
+    if (!body_is_camera) frame.cam_from_odometry = cam_from_body * frame.cam_from_odometry;
   }
   std::stable_sort(walk.frames.begin(), walk.frames.end(),
                    [](const WalkFrame& a, const WalkFrame& b) { return a.time_s < b.time_s; });

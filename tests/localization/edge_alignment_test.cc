@@ -10,6 +10,7 @@
 #include "support/meshes.h"
 #include <gtest/gtest.h>
 
+#include "raylift/base/error.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/query_list.h"
 #include "raylift/localization/scene.h"
@@ -86,6 +87,8 @@ TEST(EdgeTurns, FindTheTurnOfABox) {
   Frame frame;
   FrameRenderer(mesh, options).Render(rays, pose, 1, frame);
   const EdgeImage image(frame.mask, Pinhole(), 1);
+  EXPECT_THROW(EdgeTurns(image, 1, std::numbers::pi), InputError);
+  EXPECT_THROW(EdgeTurns(image, 1, 1e300), InputError);
   const EdgeTurns turns(image, 1, 0.2);
   EXPECT_GT(turns.NumTried(), 1000u);
   const std::vector<SceneEdge> edges = SceneEdges(frame, rays, pose, 10000);

@@ -125,7 +125,7 @@ def test_transforms_has_depth_beside_pictures(tmp_path):
     assert again["images"] == len(images)
     with pytest.raises(raylift.InputError, match="needs depth as npy or png"):
         raylift.run("render", geometry=MESH, model=DEMO / "model", out=tmp_path / "exr",
-                    products="depth,color", camera_files="transforms")
+                    products="depth,color", format="depth=exr", camera_files="transforms")
 
 
 def test_color(tmp_path):

@@ -155,6 +155,14 @@ TEST_F(ReadWalkTest, LinesOfJsonAreAsOfArkit) {
               "{\"name\": \"b.jpg\", \"transform\": [[0,1,0,1],[1,0,0,0],[0,0,-1,0],[0,0,0,1]]}\n"
               "{\"name\": \"a.jpg\", \"transform\": [[0,1,0,0],[1,0,0,0],[0,0,-1,0],[0,0,0,1]]}\n");
   EXPECT_TRUE(GoesAlongX(ReadWalk(by_rows, {}, kNames)));
+  const path both = Written("both.jsonl",
+                            "{\"name\": \"images/a.jpg\", \"timestamp\": 1403636579000000000, "
+                            "\"transform\": [[0,1,0,0],[1,0,0,0],[0,0,-1,0],[0,0,0,1]]}\n"
+                            "{\"name\": \"images/b.jpg\", \"timestamp\": 1403636580000000000, "
+                            "\"transform\": [[0,1,0,1],[1,0,0,0],[0,0,-1,0],[0,0,0,1]]}\n");
+  const Walk walk = ReadWalk(both, {}, kNames);
+  EXPECT_TRUE(GoesAlongX(walk));
+  EXPECT_NEAR(walk.frames[1].time_s - walk.frames[0].time_s, 1, 1e-6);
   const path bad = Written("bad.jsonl", "{\"name\": \"b.jpg\", \"transform\": [1, 2]}\n");
   EXPECT_TRUE(
       FailsWithInputError([&] { ReadWalk(bad, {}, kNames); }, {"bad.jsonl: line 1", "transform"}));

@@ -6,6 +6,7 @@
 #include "base/rng.h"
 #include "estimation/methods/methods.h"
 #include "localization/alignment/edge_search.h"
+#include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/io/image_file.h"
@@ -37,8 +38,14 @@ PoseEstimate EdgeAligner::Estimate(const PoseProblem& problem) const {
   const std::filesystem::path file = photographs_ / problem.name;
   const Image gray = ReadImage(file, ImageChannels::kGray);
   RequireSizeOf(problem.query_camera, problem.name, {gray.width_px, gray.height_px}, file);
-  const FoundByEdges found = SearchByEdges(mesh_, gray, problem.query_camera, prior,
-                                           StreamSeed(seed_, problem.name, "edges"));
+  const FoundByEdges found = [&] {
+    try {
+      return SearchByEdges(mesh_, gray, problem.query_camera, prior,
+                           StreamSeed(seed_, problem.name, "edges"));
+    } catch (const InputError& error) {
+      throw InputError(fmt::format("{}: {}", problem.name, error.what()));
+    }
+  }();
   PoseEstimate estimate;
   estimate.verdict = PoseVerdict::kDoubtful;
   if (found.modes.empty()) {

@@ -42,10 +42,9 @@ class EdgeImage {
   //   n(d) / (2 r) + P(the edge is beyond d) - 1.
   // 0, which is no evidence, outside the picture.
   double Evidence(const Eigen::Vector2d& pixel, const Eigen::Vector2d& normal) const {
-    const int x = static_cast<int>(pixel.x());
-    const int y = static_cast<int>(pixel.y());
-    if (!(pixel.x() >= 0 && pixel.y() >= 0) || x >= width_ || y >= height_) return 0;
-    return evidence_[Direction(normal)][Index(x, y)];
+    if (!(pixel.x() >= 0 && pixel.y() >= 0 && pixel.x() < width_ && pixel.y() < height_)) return 0;
+    return evidence_[Direction(normal)]
+                    [Index(static_cast<int>(pixel.x()), static_cast<int>(pixel.y()))];
   }
   double EvidenceAt(int x, int y, size_t direction) const {
     return evidence_[direction][Index(x, y)];

@@ -6,6 +6,7 @@
 
 #include "localization/alignment/edge_score.h"
 #include <Eigen/Geometry>
+#include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/geometry/camera.h"
@@ -18,6 +19,9 @@ namespace {
 constexpr double kUnit = 6;
 // The share of the scene's edges that a photograph shows, which the finer sizes find out.
 constexpr double kShown = 0.3;
+
+// Of more of them the search would take minutes, and chance alone would find a pose.
+constexpr double kMostTurns = 5e4;
 
 Eigen::Quaterniond Turn(double x_rad, double y_rad, double roll_rad) {
   return RotationFromVector(Eigen::Vector3d(x_rad, y_rad, 0)) *
@@ -60,8 +64,17 @@ EdgeTurns::EdgeTurns(const EdgeImage& image, int cell_px, double most_rad)
   // A roll moves what is halfway to a corner by as much as edges are wide.
   const double roll_step = 8.0 / std::hypot(camera_.width_px(), camera_.height_px());
   const double step = kWindow / camera_.MeanFocalPx();
-  const int rolls = static_cast<int>(std::ceil(most_rad / roll_step));
-  const int steps = static_cast<int>(std::ceil(most_rad / step - 0.5));
+  const double wanted_rolls = std::ceil(most_rad / roll_step);
+  const double wanted_steps = std::ceil(most_rad / step - 0.5);
+  const double count = std::pow(2 * wanted_steps + 1, 2) * (2 * wanted_rolls + 1);
+  if (!(count <= kMostTurns)) {
+    throw InputError(
+        fmt::format("its orientation is known too roughly to be found by edges: there "
+                    "are {:.2g} turns of the camera to try, more than {:.2g}",
+                    count, kMostTurns));
+  }
+  const int rolls = static_cast<int>(wanted_rolls);
+  const int steps = static_cast<int>(wanted_steps);
   for (int x = -steps; x <= steps; ++x) {
     for (int y = -steps; y <= steps; ++y) {
       for (int roll = -rolls; roll <= rolls; ++roll) {
@@ -101,6 +114,7 @@ EdgeTurns::Sums EdgeTurns::SumsOf(std::span<const SceneEdge> edges,
     if (axis.dot(ray) < least_cosine_ * ray.norm()) continue;
     const auto seen = viewer.See(edge);
     if (!seen) continue;
+    if (!(seen->pixel.cwiseAbs().maxCoeff() < stride_ + rows_)) continue;
     // The window begins half its size before the piece.
     const int x = static_cast<int>(std::floor(seen->pixel.x())) + kWindow / 2;
     const int y = static_cast<int>(std::floor(seen->pixel.y())) + kWindow / 2;
