@@ -33,6 +33,8 @@ constexpr double kMinLeadOfAll = 0.01;
 constexpr double kMostOfAll = 0.5;  // a wrong unit does not count as more
 constexpr double kLeastFlyingPercent = 8;
 constexpr double kLeastError = 0.008;  // as of the finding "noise"
+// Equal maps differ by no more as floats.
+constexpr double kRoundingOfFloats = 1e-6;
 
 // A mean over samples and its standard error over blocks.
 struct Estimate {
@@ -208,6 +210,7 @@ std::optional<DepthExplanation> ExplainDepthErrors(std::span<const ExplainedView
   result.noise = noise_sigma * std::sqrt(2 / std::numbers::pi);
   result.is_beyond_noise = error.IsSurelyAbove(result.noise);
   const double beyond = std::max(0.0, result.error - result.noise);
+  if (result.error < kRoundingOfFloats) return result;
 
   result.flying_percent = FlyingPercent(views, judging);
   result.worst_place = WorstPlace(views, judging);
