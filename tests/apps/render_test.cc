@@ -211,7 +211,7 @@ TEST_F(Render, WrongOptionsAreNamed) {
   EXPECT_TRUE(fails({"--products", "depth,colour"}, {"--products", "colour", "normals"}));
   EXPECT_TRUE(fails({"--products", "depth,depth"}, {"--products", "twice"}));
   EXPECT_TRUE(fails({"--format", "jpg"}, {"--format", "jpg"}));
-  EXPECT_TRUE(fails({"--format", "depth=jpg"}, {"--format", "exr|npy"}));
+  EXPECT_TRUE(fails({"--format", "depth=jpg"}, {"--format", "npy|exr"}));
   EXPECT_TRUE(fails({"--scale", "0"}, {"--scale"}));
   EXPECT_TRUE(fails({"--scale", "2", "--size", "4x4"}, {"--scale, --size"}));
   EXPECT_TRUE(fails({"--size", "640"}, {"--size", "WIDTHxHEIGHT"}));

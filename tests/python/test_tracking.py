@@ -56,7 +56,8 @@ def test_a_photograph_without_a_pose_gets_the_walks(hloc, localizer, odometry):
     nothing = localizer.localize_matches(camera, np.empty((0, 2)), np.empty((0, 2)), [], name=last)
     assert not nothing
     tracked = tracker.add(nothing, cam_from_odometry=odometry[last], time=10)
-    assert tracked.role == "rescued" and tracked.single_cam_from_world is None
+    assert isinstance(tracked, raylift.TrackedPose)
+    assert tracked.role == "rescued" and tracked.single_cam_from_world is None and tracked.single_confidence == 0
     assert np.abs(tracked.result.cam_from_world.center - hloc.truth[last].cam_from_world.center).max() < 0.05
     assert "rescued" in repr(tracked)
 
