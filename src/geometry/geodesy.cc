@@ -69,6 +69,7 @@ Context NewContext() {
   if (const std::string carried = CarriedDatabase().string(); !carried.empty()) {
     const std::vector<std::string> folders = FoldersOfProj(carried);
     std::vector<const char*> paths;
+    paths.reserve(folders.size());
     for (const std::string& folder : folders) paths.push_back(folder.c_str());
     proj_context_set_search_paths(context.get(), static_cast<int>(paths.size()), paths.data());
   }

@@ -245,7 +245,7 @@ class CityGmlReader {
 
   // Returns the kind of the element and the nearest name that the file gives.
   static std::string PlaceOf(xml_node node) {
-    const std::string kind(NameOf(node));
+    std::string kind(NameOf(node));
     for (; node; node = node.parent()) {
       const std::string_view id = AttributeOf(node, "id");
       if (!id.empty()) return fmt::format("{} of {}", kind, Printable(std::string(id)));

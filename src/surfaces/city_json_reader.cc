@@ -124,8 +124,8 @@ class CityJsonReader {
     const auto transform = root_.find("transform");
     if (transform == root_.end()) return;  // in 1.0 it may be missing
     const auto point = [&](const char* name) {
-      const std::string place = fmt::format("transform.{}", name);
-      return Point([&] { return place; }, Member(place, *transform, name));
+      const auto place = [&] { return fmt::format("transform.{}", name); };
+      return Point(place, Member(place(), *transform, name));
     };
     const Vector3d scale = point("scale"), translate = point("translate");
     for (Vector3d& vertex : vertices_) vertex = vertex.cwiseProduct(scale) + translate;
@@ -251,7 +251,7 @@ class CityJsonReader {
     constexpr size_t kReads = 10;  // a list takes as long as some corners, and may be empty
     mesh_.CountRead([&] { return place; }, kReads);
     for (size_t i = 0; i < boundaries.size(); ++i) {
-      const std::string at = fmt::format("{}[{}]", place, i);
+      std::string at = fmt::format("{}[{}]", place, i);
       if (lists > 1) {
         AddSurfaces(at, boundaries[i], lists - 1, vertices);
         continue;
@@ -263,8 +263,9 @@ class CityJsonReader {
           rings.back().push_back(VertexAt(at, index, vertices.points));
         }
         if (!vertices.world_from_template) continue;
-        for (Vector3d& p : rings.back())
+        for (Vector3d& p : rings.back()) {
           p = (*vertices.world_from_template * p.homogeneous()).eval();
+        }
       }
       mesh_.AddPolygon([&] { return at; }, std::move(rings));
     }
