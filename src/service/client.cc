@@ -62,7 +62,8 @@ std::string BoundaryFor(const std::string& photograph) {
 // HOST:PORT; an address of version 6 stands in brackets.
 std::string AuthorityOf(const ServerUrl& server) {
   const bool is_v6 = server.host.find(':') != std::string::npos;
-  return fmt::format(is_v6 ? "[{}]:{}" : "{}:{}", server.host, server.port);
+  return is_v6 ? fmt::format("[{}]:{}", server.host, server.port)
+               : fmt::format("{}:{}", server.host, server.port);
 }
 
 http::request<http::string_body> RequestOf(const ClientOptions& options, const Query& query,
