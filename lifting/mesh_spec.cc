@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <span>
 #include <system_error>
 #include <utility>
 
@@ -215,11 +216,6 @@ SurfelOptions TakeSurfelOptions(SpecKeys& keys) {
   return options;
 }
 
-bool NamesTileset(std::string_view spec) {
-  const std::filesystem::path file = spec.substr(0, spec.find(','));
-  return LowerExtension(file) == ".json" && LowerExtension(file.stem()) != ".city";
-}
-
 // Commas separate keys, so that slashes are those of the origin here.
 TileOptions TakeTileOptions(SpecKeys& keys) {
   TileOptions options;
@@ -261,6 +257,15 @@ MeshPlacement ReadNerfstudioPlacement(const std::filesystem::path& path) {
   return Inverse(MeshPlacement{.scale = scale.Number()} * *moved);
 }
 
+// Throws InputError where a key is for a kind of which there is no file.
+void RequireKind(std::span<const std::filesystem::path> files, MeshKind kind, std::string_view key,
+                 std::string_view kind_name) {
+  const auto is_one = [kind](const auto& file) { return MeshKindOf(file) == kind; };
+  if (std::ranges::any_of(files, is_one)) return;
+  throw InputError(files.front(), key,
+                   fmt::format("is a key of {}, which this file is not", kind_name));
+}
+
 MeshReadOptions ReadOptionsOf(const MeshSpec& spec, int threads) {
   return {.threads = threads, .tiles = spec.tiles, .level_of_detail = spec.level_of_detail};
 }
@@ -274,11 +279,10 @@ bool IsMeshSpec(std::string_view spec) {
 MeshSpec ParseMeshSpec(const std::string& spec, MeshUse use) {
   MeshSpec mesh;
   mesh.is_height_field = spec.starts_with(kHeightFieldPrefix);
-  const bool is_tileset = !mesh.is_height_field && NamesTileset(spec);
-  const std::string known = (mesh.is_height_field ? "ortho=FILE, "
-                             : is_tileset         ? "error=METERS, crs=EPSG:N[@X/Y/Z], "
-                                                  : "") +
-                            KeysOf(use) + (mesh.is_height_field ? "" : ", lod");
+  const std::string known =
+      mesh.is_height_field
+          ? "ortho=FILE, " + KeysOf(use)
+          : KeysOf(use) + "; of city models lod; of 3D Tiles error=METERS, crs=EPSG:N[@X/Y/Z]";
   SpecKeys keys =
       OpenKeys(spec, mesh.is_height_field ? kHeightFieldPrefix : kPrefix, FormOf(use), use, known);
   TakeSurfaceKeys(keys, mesh);
@@ -286,8 +290,8 @@ MeshSpec ParseMeshSpec(const std::string& spec, MeshUse use) {
     mesh.orthophoto = keys.Take("ortho");
   } else {
     mesh.level_of_detail = keys.TakeNumber("lod", 0);
+    mesh.tiles = TakeTileOptions(keys);
   }
-  if (is_tileset) mesh.tiles = TakeTileOptions(keys);
   const auto back_faces = keys.TakeNamed<BackFaces>("back_faces");
   mesh.options.limits.back_faces = back_faces.value_or(mesh.options.limits.back_faces);
   keys.ExpectAllTaken(known);
@@ -298,9 +302,11 @@ std::vector<std::string> InWorld(std::vector<std::string> specs,
                                  const std::optional<WorldFrame>& world) {
   if (!world) return specs;
   for (std::string& spec : specs) {
-    if (!spec.starts_with(kPrefix) || !NamesTileset(spec)) continue;
+    if (!spec.starts_with(kPrefix)) continue;
     SpecKeys keys(spec, std::string_view(spec).substr(kPrefix.size()));
-    if (keys.Has("crs") || !IsEarthCentered(keys.path())) continue;
+    if (keys.Has("crs") || std::ranges::none_of(ListMeshFiles(keys.path()), IsEarthCentered)) {
+      continue;
+    }
     std::string crs = world->text;
     const size_t origin = std::min(crs.find('@'), crs.size());
     if (crs.find(',') < origin) {
@@ -314,7 +320,12 @@ std::vector<std::string> InWorld(std::vector<std::string> specs,
 
 std::vector<std::filesystem::path> FilesOf(const MeshSpec& spec) {
   if (spec.is_height_field) return {spec.files};
-  return ListMeshFiles(spec.files);
+  std::vector<std::filesystem::path> files = ListMeshFiles(spec.files);
+  const TileOptions& tiles = spec.tiles;
+  if (spec.level_of_detail) RequireKind(files, MeshKind::kCityModel, "lod", "city models");
+  if (tiles.world) RequireKind(files, MeshKind::kTileset, "crs", "3D Tiles");
+  if (tiles.max_error > 0) RequireKind(files, MeshKind::kTileset, "error", "3D Tiles");
+  return files;
 }
 
 TriangleMesh OpenMesh(const MeshSpec& spec, const std::filesystem::path& file, int threads) {

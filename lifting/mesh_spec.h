@@ -97,7 +97,8 @@ MeshSpec ParseMeshSpec(const std::string& spec, MeshUse use);
 std::vector<std::string> InWorld(std::vector<std::string> specs,
                                  const std::optional<WorldFrame>& world);
 
-// Returns its files, and reads one of them, or all as one mesh, put where they belong.
+// Returns its files, and reads one of them, or all as one mesh, put where they belong. Throws
+// InputError where a key is for city models or 3D Tiles and no file is one.
 std::vector<std::filesystem::path> FilesOf(const MeshSpec& spec);
 TriangleMesh OpenMesh(const MeshSpec& spec, const std::filesystem::path& file, int threads);
 TriangleMesh OpenMesh(const MeshSpec& spec, int threads);

@@ -50,14 +50,16 @@ std::vector<path> MatchingFiles(const std::string& pattern, std::string_view kin
 }  // namespace
 
 std::vector<path> ListFiles(const std::string& files, std::span<const std::string_view> extensions,
-                            std::string_view kind) {
+                            std::string_view kind, std::string_view index) {
   std::error_code ignored;
   if (std::filesystem::is_regular_file(files, ignored)) return {files};
   std::vector<path> listed;
   for (const std::string_view part_view : SplitBy(files, '+')) {
     const std::string part(part_view);
     std::vector<path> of_part = {part};
-    if (std::filesystem::is_directory(part, ignored)) {
+    if (!index.empty() && std::filesystem::is_regular_file(path(part) / index, ignored)) {
+      of_part = {path(part) / index};
+    } else if (std::filesystem::is_directory(part, ignored)) {
       of_part = FilesIn(part, extensions, kind);
     } else if (!std::filesystem::exists(part, ignored) &&
                part.find_first_of("*?[") != std::string::npos) {

@@ -31,11 +31,17 @@ bool IsCityJson(const std::filesystem::path& path, const std::string& extension)
   if (extension == ".cityjson") return true;
   if (extension != ".json") return false;
   if (LowerExtension(path.stem()) == ".city") return true;
+  std::error_code ignored;
+  if (!std::filesystem::is_regular_file(path, ignored)) return false;
   constexpr size_t kLookedAt = 4096;
   const MappedFile file(path);
   const std::string_view begin = file.contents().substr(0, kLookedAt);
   // Where keys are sorted, its type comes last.
   return begin.find("\"CityJSON\"") != begin.npos || begin.find("\"CityObjects\"") != begin.npos;
+}
+
+bool IsCityGml(const std::string& extension) {
+  return extension == ".gml" || extension == ".citygml" || extension == ".xml";
 }
 
 TriangleMesh ReadByExtension(const std::filesystem::path& path, const MeshReadOptions& options) {
@@ -46,7 +52,7 @@ TriangleMesh ReadByExtension(const std::filesystem::path& path, const MeshReadOp
     return FinishMesh(path, ReadCityJson(path, MappedFile(path).contents(), level));
   }
   if (extension == ".json") return ReadTileset(path, options);
-  if (extension == ".gml" || extension == ".citygml" || extension == ".xml") {
+  if (IsCityGml(extension)) {
     return FinishMesh(path, ReadCityGml(path, MappedFile(path).contents(), level));
   }
   if (extension == ".obj") return FinishMesh(path, ReadObj(path));
@@ -152,7 +158,20 @@ TriangleMesh MakeMesh(std::vector<Eigen::Vector3d> vertices,
 }
 
 std::vector<path> ListMeshFiles(const std::string& files) {
-  return ListFiles(files, kExtensions, "mesh");
+  return ListFiles(files, kExtensions, "mesh", "tileset.json");
+}
+
+MeshKind MeshKindOf(const path& file) {
+  const std::string extension = LowerExtension(file);
+  if (IsCityGml(extension) || IsCityJson(file, extension)) return MeshKind::kCityModel;
+  return extension == ".json" ? MeshKind::kTileset : MeshKind::kOther;
+}
+
+void RequireWorld(const path& file, const TileOptions& options) {
+  if (options.world || !IsEarthCentered(file)) return;
+  throw InputError(file,
+                   "earth-centered 3D Tiles beside other meshes: expected crs=EPSG:N, the system "
+                   "that all of them are in");
 }
 
 bool IsMeshFileName(const path& file) {
@@ -165,6 +184,7 @@ TriangleMesh ReadMeshes(std::span<const path> files, const MeshReadOptions& opti
   RAYLIFT_CHECK(!files.empty());
   if (files.size() == 1) return ReadMesh(files.front(), options);
   std::vector<TriangleMesh> meshes;
+  for (const path& file : files) RequireWorld(file, options.tiles);
   for (const path& file : files) meshes.push_back(ReadMesh(file, options));
   return MergeMeshes(std::move(meshes));
 }

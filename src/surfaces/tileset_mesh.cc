@@ -166,6 +166,7 @@ void Shorten(std::vector<std::string>& warnings) {
 }  // namespace
 
 bool IsEarthCentered(const path& file) {
+  if (MeshKindOf(file) != MeshKind::kTileset) return false;
   const auto center = CenterOfTileset(file);
   return center && PlaceOnEarth(*center);
 }

@@ -107,6 +107,9 @@ MeshScene LoadMeshScene(const std::vector<std::string>& specs, const MeshSceneOp
   for (const MeshSpec& part : parsed.parts) {
     for (std::filesystem::path& file : FilesOf(part)) files.emplace_back(std::move(file), &part);
   }
+  if (files.size() > 1) {
+    for (const auto& [file, part] : files) RequireWorld(file, part->tiles);
+  }
   const auto start = Clock::now();
   std::vector<TriangleMesh> meshes;
   for (const auto& [file, part] : files) {

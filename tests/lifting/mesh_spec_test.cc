@@ -53,8 +53,8 @@ TEST(ParseMeshSpec, RefusesToRenderWithKeysOfLifting) {
         OptionErrorOf("mesh:a.ply," + key, MeshUse::kRender),
         "geometry = mesh:a.ply," + key + ": the key " + key.substr(0, key.find('=')) +
             " says which points are lifted, but here all there is is rendered; there is "
-            "scale, axes (as in x/-z/y), shift=X/Y/Z, matrix (3 x 4 or 4 x 4), build=low|medium, "
-            "lod");
+            "scale, axes (as in x/-z/y), shift=X/Y/Z, matrix (3 x 4 or 4 x 4), build=low|medium; "
+            "of city models lod; of 3D Tiles error=METERS, crs=EPSG:N[@X/Y/Z]");
   }
 }
 
@@ -162,21 +162,82 @@ TEST(ParseMeshSpec, TilesetsHaveKeysOfTheirOwn) {
   for (const std::string wrong : {"crs=EPSG:25832@1/2", "crs=EPSG:4326", "crs=", "error=a"}) {
     EXPECT_NE(OptionErrorOf("mesh:tileset.json," + wrong, MeshUse::kLift), "no OptionError");
   }
-  EXPECT_NE(OptionErrorOf("mesh:a.ply,error=1", MeshUse::kLift).find("unknown key \"error\""),
-            std::string::npos);
+}
+
+// A file of a tileset at a center, which holds no tiles, as a specification.
+std::string TilesetSpec(const std::filesystem::path& file, std::string_view center) {
+  WriteFile(file, fmt::format(R"({{"asset":{{"version":"1.0"}},"root":{{"boundingVolume":
+{{"sphere":[{},9]}},"geometricError":0}}}})",
+                              center));
+  return "mesh:" + file.string();
+}
+constexpr std::string_view kOnEarth = "3741100,652926,5107187", kNearby = "3741200,652926,5107187";
+
+TEST(FilesOf, KeysAreForTheirKindOfFile) {
+  const std::filesystem::path folder = TestFolder();
+  const std::string tiles = TilesetSpec(folder / "tileset.json", kOnEarth);
+  const std::string city = "mesh:" + (folder / "own.json").string();
+  WriteFile(folder / "own.json", R"({"type":"CityJSON"})");
+  const auto files = [](const std::string& spec) {
+    return FilesOf(ParseMeshSpec(spec, MeshUse::kLift));
+  };
+  EXPECT_EQ(files(tiles + ",error=1,crs=EPSG:25832").size(), 1u);
+  EXPECT_EQ(files(city + ",lod=2").size(), 1u);
+  EXPECT_EQ(files("mesh:a.gml+b.ply,lod=2").size(), 2u);
+  for (const auto& [spec, message] : std::vector<std::pair<std::string, std::string>>{
+           {tiles + ",lod=2", "tileset.json: lod: is a key of city models"},
+           {"mesh:a.ply,lod=2", "a.ply: lod: is a key of city models"},
+           {"mesh:a.ply,error=1", "a.ply: error: is a key of 3D Tiles"},
+           {city + ",error=1", "own.json: error: is a key of 3D Tiles"},
+           {city + ",crs=EPSG:25832", "own.json: crs: is a key of 3D Tiles"}}) {
+    EXPECT_TRUE(FailsWithInputError([&] { files(spec); }, {message})) << spec;
+  }
+}
+
+TEST(FilesOf, AFolderOfATilesetIsThatTileset) {
+  const std::filesystem::path folder = TestFolder();
+  TilesetSpec(folder / "A" / "tileset.json", kOnEarth);
+  WriteFile(folder / "A" / "tile.glb", "");
+  WriteFile(folder / "B" / "b.ply", "");
+  const auto files = FilesOf(ParseMeshSpec(
+      "mesh:" + (folder / "A").string() + "+" + (folder / "B").string(), MeshUse::kLift));
+  EXPECT_EQ(files,
+            (std::vector<std::filesystem::path>{folder / "A/tileset.json", folder / "B/b.ply"}));
+}
+
+TEST(OpenMesh, EarthCenteredTilesBesideOthersNeedTheirSystem) {
+  const std::filesystem::path folder = TestFolder();
+  const std::string a = TilesetSpec(folder / "A/tileset.json", kOnEarth);
+  TilesetSpec(folder / "B/tileset.json", kNearby);
+  WriteFile(folder / "plain.ply", "");
+  for (const char* other : {"B/tileset.json", "B", "plain.ply"}) {
+    const std::string spec = a + "+" + (folder / other).string();
+    EXPECT_TRUE(FailsWithInputError(
+        [&] { OpenMesh(ParseMeshSpec(spec, MeshUse::kLift), 1); },
+        {"A/tileset.json: earth-centered 3D Tiles beside other meshes", "expected crs=EPSG:N"}));
+    EXPECT_TRUE(FailsWithInputError(
+        [&] { OpenMesh(ParseMeshSpec(spec + ",crs=EPSG:25832", MeshUse::kLift), 1); },
+        {"A/tileset.json: expected tiles with triangles"}));
+  }
+}
+
+TEST(InWorld, OneOfSeveralFilesOnTheEarthIsEnough) {
+  const std::filesystem::path folder = TestFolder();
+  const std::string a = TilesetSpec(folder / "A/tileset.json", kOnEarth);
+  const std::string b = TilesetSpec(folder / "B/tileset.json", "10,20,30").substr(5);
+  const std::string plain = (folder / "plain.ply").string();
+  const std::vector<std::string> specs = {a + "+" + plain, "mesh:" + b + "+" + a.substr(5),
+                                          "mesh:" + (folder / "*/tileset.json").string(),
+                                          "mesh:" + (folder / "A").string(), "mesh:" + b};
+  const auto led = InWorld(specs, WorldFrame::Parse("EPSG:25832@1,2,-3"));
+  for (size_t i = 0; i < 4; ++i) EXPECT_EQ(led[i], specs[i] + ",crs=EPSG:25832@1/2/-3");
+  EXPECT_EQ(led[4], specs[4]);
 }
 
 TEST(InWorld, TilesOnTheEarthAreLedToItUnlessTheySayWhere) {
   const std::filesystem::path folder = TestFolder();
-  const auto tileset = [&folder](const char* name, const char* center) {
-    const std::filesystem::path file = folder / name;
-    WriteFile(file, fmt::format(R"({{"asset":{{"version":"1.0"}},"root":{{"boundingVolume":
-{{"sphere":[{},9]}},"geometricError":0}}}})",
-                                center));
-    return "mesh:" + file.string();
-  };
-  const std::string on_earth = tileset("earth.json", "3741100,652926,5107187");
-  const std::string local = tileset("local.json", "10,20,30");
+  const std::string on_earth = TilesetSpec(folder / "earth.json", kOnEarth);
+  const std::string local = TilesetSpec(folder / "local.json", "10,20,30");
   WriteFile(folder / "city.json", "{}");
   const std::vector<std::string> specs = {
       on_earth,     local, on_earth + ",crs=EPSG:4978", "mesh:" + (folder / "city.json").string(),

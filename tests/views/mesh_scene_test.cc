@@ -1,5 +1,6 @@
 #include "raylift/views/mesh_scene.h"
 
+#include "support/matchers.h"
 #include "support/splat_files.h"
 #include "support/test_data.h"
 #include <fmt/format.h>
@@ -25,6 +26,18 @@ TEST(LoadMeshScene, SeveralMeshesAreOneScene) {
   EXPECT_EQ(LoadMeshScene({a + ",build=low", b}).caster->mesh().triangles.size(), 2u);
   EXPECT_EQ(LoadMeshScene({a + ",build=low", b + ",build=low"}).caster->mesh().triangles.size(),
             2u);
+}
+
+TEST(LoadMeshScene, EarthCenteredTilesBesideOthersNeedTheirSystem) {
+  const auto folder = TestFolder();
+  const auto tiles = folder / "tileset.json";
+  WriteFile(tiles, R"({"asset":{"version":"1.0"},"root":{"geometricError":0,
+"boundingVolume":{"sphere":[3741100,652926,5107187,9]}}})");
+  EXPECT_TRUE(FailsWithInputError(
+      [&] {
+        LoadMeshScene({TriangleSpec(folder, "a.obj"), "mesh:" + tiles.string()});
+      },
+      {"tileset.json: earth-centered 3D Tiles beside other meshes", "expected crs=EPSG:N"}));
 }
 
 TEST(LoadMeshScene, ContradictoryBuildsAreAnOptionError) {

@@ -26,8 +26,16 @@ struct TileOptions {
   std::optional<WorldFrame> world = std::nullopt;
 };
 
+// Kinds of files that options are for. A file is of one by its name, JSON by what it holds.
+enum class MeshKind { kTileset, kCityModel, kOther };
+MeshKind MeshKindOf(const std::filesystem::path& file);
+
 // Returns whether a file is of a tileset whose root's center is at the ground of the earth.
 bool IsEarthCentered(const std::filesystem::path& file);
+
+// Throws InputError where a file, one of several meshes, is such a tileset and `options` have no
+// world: each would be around a center of its own.
+void RequireWorld(const std::filesystem::path& file, const TileOptions& options);
 
 struct MeshReadOptions {
   int threads = 0;  // <= 0: all; never changes the mesh
@@ -65,15 +73,15 @@ void SetMeshTrial(std::function<bool(const std::filesystem::path&)> trial);
 
 // Scenes that come as several meshes: tiles of a city, a building and its furniture.
 
-// The files that "a.ply+b.obj", "tiles/*.ply" or a folder (all mesh files in it) name, sorted
-// within each part. A file whose own name holds "+" or "*" is that file. InputError where a part
-// names no file.
+// The files that "a.ply+b.obj", "tiles/*.ply" or a folder (its tileset.json, else all mesh files in
+// it) name, sorted within each part. A file whose own name holds "+" or "*" is that file.
+// InputError where a part names no file.
 std::vector<std::filesystem::path> ListMeshFiles(const std::string& files);
 
 // Returns whether the extension, in any case, is one of the mesh files in a folder.
 bool IsMeshFileName(const std::filesystem::path& file);
 
-// Reads all of them as one mesh.
+// Reads all of them as one mesh. InputError as RequireWorld() throws it, too.
 TriangleMesh ReadMeshes(std::span<const std::filesystem::path> files,
                         const MeshReadOptions& options = {});
 
