@@ -8,6 +8,9 @@
 #include "lifting/mesh_spec.h"
 #include <fmt/format.h>
 
+#include "raylift/geometry/geodesy.h"
+#include "raylift/lifting/geometry_spec.h"
+
 namespace raylift {
 namespace {
 
@@ -153,15 +156,22 @@ std::vector<std::string> SceneArguments(const SceneFile& scene, const CLI::App& 
   return arguments;
 }
 
-void TakeGeometryNames(const SceneFile& scene, CLI::App& command) {
+void TakeGeometries(const SceneFile& scene, const std::string& crs, CLI::App& command) {
   Translate(command, "--geometry",
-            [geometries = scene.geometries,
-             named = NameOf(command) == "compare"](const std::string& text) -> std::string {
+            [geometries = scene.geometries, crs,
+             is_named = NameOf(command) == "compare"](const std::string& text) -> std::string {
+              SceneGeometry given{.name = {}, .spec = text};
               for (const SceneGeometry& geometry : geometries) {
-                if (geometry.name != text) continue;
-                return named ? fmt::format("{}={}", geometry.name, geometry.spec) : geometry.spec;
+                if (geometry.name == text) given = geometry;
               }
-              return text;
+              const size_t equals = text.find('=');
+              if (is_named && given.name.empty() && equals < text.find_first_of(":,")) {
+                given = {.name = text.substr(0, equals), .spec = text.substr(equals + 1)};
+              }
+              if (!crs.empty()) {
+                given.spec = InWorld({GeometrySpecOf(given.spec)}, WorldFrame::Parse(crs)).front();
+              }
+              return is_named && !given.name.empty() ? given.name + "=" + given.spec : given.spec;
             });
 }
 

@@ -33,7 +33,8 @@ void AddSceneOption(CLI::App& command);
 // Of several geometries the first is taken that the command can use.
 std::vector<std::string> SceneArguments(const SceneFile& scene, const CLI::App& command);
 
-// Lets --geometry take the names of the scene's geometries. Before the command is parsed.
-void TakeGeometryNames(const SceneFile& scene, CLI::App& command);
+// Lets --geometry take the names of the scene's geometries, and leads earth-centered tiles to the
+// system `crs` of the world, unless that is empty. Before the command is parsed.
+void TakeGeometries(const SceneFile& scene, const std::string& crs, CLI::App& command);
 
 }  // namespace raylift

@@ -8,6 +8,7 @@
 #include "apps/localize_flags.h"
 #include "apps/localize_inputs.h"
 #include "apps/options.h"
+#include "lifting/mesh_spec.h"
 #include <fmt/format.h>
 
 #include "raylift/base/file.h"
@@ -17,6 +18,7 @@ namespace raylift {
 namespace {
 
 void Run(LocalizeFlags flags) {
+  flags.geometry.specs = InWorld(flags.geometry.specs, flags.world);
   const std::filesystem::path file = flags.out;
   flags.out = file.parent_path();  // for the caches
   flags.Check();

@@ -344,7 +344,9 @@ std::vector<std::string> WithSceneFile(const Program& program, std::vector<std::
   const CLI::Option* option = command.get_option_no_throw("--scene");
   if (option == nullptr || option->count() == 0) return arguments;
   const SceneFile scene = ReadSceneFile(option->as<std::string>());
-  TakeGeometryNames(scene, *program.app->get_subcommand(command.get_name()));
+  const std::string crs = GivenText(command, "--crs");
+  TakeGeometries(scene, crs.empty() ? scene.crs : crs,
+                 *program.app->get_subcommand(command.get_name()));
   Insert(SceneArguments(scene, command), command.get_name(), arguments);
   return arguments;
 }

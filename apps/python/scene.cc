@@ -3,8 +3,10 @@
 #include "raylift/localization/scene.h"
 
 #include "apps/python/geometry_source.h"
+#include "lifting/mesh_spec.h"
 
 #include "raylift/base/error.h"
+#include "raylift/geometry/geodesy.h"
 #include "raylift/io/scene_file.h"
 
 namespace raylift::python {
@@ -94,7 +96,11 @@ InputError where a file cannot be read.)")
           [](const PathLike& file, const std::vector<std::string>& geometry, int threads) {
             const std::filesystem::path path = ToPath(file, "file");
             return WithoutLock([&] {
-              SceneOptions options = SceneOptionsOf(ReadSceneFile(path), geometry);
+              const SceneFile scene = ReadSceneFile(path);
+              SceneOptions options = SceneOptionsOf(scene, geometry);
+              if (!scene.crs.empty()) {
+                options.geometry = InWorld(options.geometry, WorldFrame::Parse(scene.crs));
+              }
               options.threads = threads;
               return std::make_shared<Scene>(OpenScene(options));
             });

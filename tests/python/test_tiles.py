@@ -148,3 +148,46 @@ def test_a_map_is_asked_for_by_crs(tmp_path):
     for wrong, message in [("crs=EPSG:1", "EPSG:1"), ("error=-1", "error=NUMBER"), ("ortho=a", "error=METERS")]:
         with pytest.raises(raylift.OptionError, match=message):
             raylift.Mesh.read(f"mesh:{tmp_path / 'tileset.json'},{wrong}")
+
+
+def test_a_scene_says_what_its_tiles_are_led_to(tmp_path):
+    axes, origin = east_north_up()
+    (tmp_path / "town").mkdir()
+    write_by_numpy(tmp_path / "town", axes, origin)
+    write_model(tmp_path / "model")
+    place = pyproj.Transformer.from_crs("EPSG:4978", "EPSG:25832", always_xy=True).transform(*origin)
+    crs = "EPSG:25832@{:.3f},{:.3f},{:.3f}".format(*place)
+    tiles = f"mesh:{tmp_path / 'town'}"
+    scene = tmp_path / "scene.toml"
+    scene.write_text('format = "raylift-scene/1"\nreferences = "model"\n'
+                     f'crs = "{crs}"\n[[geometry]]\nname = "town"\nspec = "mesh:town"\n')
+
+    def depth(*arguments):
+        out = tmp_path / str(len(list(tmp_path.iterdir())))
+        subprocess.run([os.environ["RAYLIFT"], "render", *arguments, "--out", out, "--format", "npy", "--quiet"],
+                       check=True)
+        return np.load(out / "depth" / "a.npy")
+
+    model = ["--model", tmp_path / "model"]
+    led = depth(*model, "--geometry", f"{tiles},crs={crs.replace(',', '/')}")
+    # North of the map is 0.7 degrees off.
+    assert np.abs(led - depth(*model, "--geometry", tiles)).max() > 0.01
+    for given in [], ["--geometry", "town"], ["--geometry", tiles]:
+        assert (led == depth("--scene", scene, *given)).all()
+    caster = raylift.Scene.read(scene).mesh
+    camera = raylift.Camera("PINHOLE", 320, 240, [250, 250, 160, 120])
+    angle, translation = VIEWS["a"]
+    ours = caster.render(camera, raylift.Rigid3(rotation([angle, 0, 0]), translation))["depth"]
+    assert np.abs(led - ours).max() < MILLIMETER
+
+
+def test_calibrate_leads_tiles_to_the_world(tmp_path):
+    write_by_numpy(tmp_path, *east_north_up())
+    write_model(tmp_path / "model")
+    of_no_code = pyproj.CRS("EPSG:25832").to_wkt()
+    ended = subprocess.run([os.environ["RAYLIFT"], "calibrate", "--model", tmp_path / "model", "--geometry",
+                            f"mesh:{tmp_path / 'tileset.json'}", "--crs", of_no_code, "--leave-one-out",
+                            "--images", tmp_path, "--out", tmp_path / "calibration.json"],
+                           capture_output=True, text=True, check=False)
+    assert ended.returncode == 2
+    assert "the world's system is not given by such a name" in ended.stderr
