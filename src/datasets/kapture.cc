@@ -208,19 +208,21 @@ std::vector<KaptureImage> ReadCaptureSession(const path& session, const path& ke
   return ReadImages(session, session / "images.txt", Form::kCapture, wanted ? &*wanted : nullptr);
 }
 
+std::map<std::string, double> TimesOf(std::span<const KaptureImage> images) {
+  uint64_t latest = 0;
+  for (const KaptureImage& image : images) latest = std::max(latest, image.timestamp);
+  const double seconds = SecondsPerTick(static_cast<double>(latest));
+  std::map<std::string, double> times;
+  for (const KaptureImage& image : images) {
+    times.emplace(image.name, seconds * static_cast<double>(image.timestamp));
+  }
+  return times;
+}
+
 // Gangnam Station (Lee et al., CVPR 2021), a kapture data set: the folder `release` of a floor
 // holds mapping, validation and test. Poses of the test photographs are not public.
 
 namespace {
-
-void TakeTimes(const std::vector<KaptureImage>& images, ImportedScene& scene) {
-  uint64_t latest = 0;
-  for (const KaptureImage& image : images) latest = std::max(latest, image.timestamp);
-  const double seconds = SecondsPerTick(static_cast<double>(latest));
-  for (const KaptureImage& image : images) {
-    scene.times.emplace(image.name, seconds * static_cast<double>(image.timestamp));
-  }
-}
 
 void TakeReferences(const path& folder, const ImportOptions& options, Skipped& skipped,
                     ImportedScene& scene) {
@@ -235,7 +237,7 @@ void TakeReferences(const path& folder, const ImportOptions& options, Skipped& s
       scene.references.push_back({image.name, *camera, *image.cam_from_world});
     }
   }
-  TakeTimes(images, scene);
+  scene.times.merge(TimesOf(images));
 }
 
 void TakeQueries(const path& folder, const ImportOptions& options, Skipped& skipped,
@@ -252,7 +254,7 @@ void TakeQueries(const path& folder, const ImportOptions& options, Skipped& skip
       scene.ground_truth.push_back({image.name, *image.cam_from_world});
     }
   }
-  TakeTimes(images, scene);
+  scene.times.merge(TimesOf(images));
   NotePublicPoses(scene);
 }
 

@@ -5,7 +5,9 @@
 #pragma once
 
 #include <filesystem>
+#include <map>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -29,5 +31,8 @@ std::vector<KaptureImage> ReadKapture(const std::filesystem::path& folder);
 // lines "timestamp, sensor or rig" those images alone.
 std::vector<KaptureImage> ReadCaptureSession(const std::filesystem::path& session,
                                              const std::filesystem::path& keys = {});
+
+// Returns when images were taken, by name, in seconds.
+std::map<std::string, double> TimesOf(std::span<const KaptureImage> images);
 
 }  // namespace raylift

@@ -26,18 +26,10 @@ using std::filesystem::path;
 constexpr size_t kKittiNumbers = 12;
 
 Odometry OfKapture(const path& folder) {
-  Odometry odometry;
-  std::map<std::string, uint64_t> ticks;
-  uint64_t latest = 0;
-  for (const KaptureImage& image : ReadKapture(folder)) {
-    if (!image.cam_from_world) continue;
-    odometry.by_name.emplace(image.name, *image.cam_from_world);
-    ticks.emplace(image.name, image.timestamp);
-    latest = std::max(latest, image.timestamp);
-  }
-  const double seconds = SecondsPerTick(static_cast<double>(latest));
-  for (const auto& [name, tick] : ticks) {
-    odometry.times.emplace(name, seconds * static_cast<double>(tick));
+  const std::vector<KaptureImage> images = ReadKapture(folder);
+  Odometry odometry{.times = TimesOf(images)};
+  for (const KaptureImage& image : images) {
+    if (image.cam_from_world) odometry.by_name.emplace(image.name, *image.cam_from_world);
   }
   return odometry;
 }

@@ -78,7 +78,8 @@ TimesByName TimesOf(const path& file, const Odometry& odometry,
                                                 : TimesInNames(names);
   double latest = 0;
   for (const auto& [name, time] : times) latest = std::max(latest, time);
-  for (auto& [name, time] : times) time *= SecondsPerTick(latest);
+  const double seconds = SecondsPerTick(latest);
+  for (auto& [name, time] : times) time *= seconds;
   return times;
 }
 

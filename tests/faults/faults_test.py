@@ -452,23 +452,34 @@ def some(names, most):
     return names if most == 0 or len(names) <= most else sorted(random.Random(most).sample(names, most))
 
 
-def main():
+def new_parser():
     parser = argparse.ArgumentParser()
     parser.add_argument("raylift", type=pathlib.Path)
     parser.add_argument("shim", type=pathlib.Path)
     parser.add_argument("work", type=pathlib.Path)
     parser.add_argument("--points", type=int, default=3)
-    parser.add_argument("--stacks", type=int)
-    parser.add_argument("--command", action="append", choices=[command.name for command in COMMANDS])
-    parser.add_argument("--call", action="append", choices=(*CALLS, "power"))
-    parser.add_argument("--at", help="this one alone: a call's number or a stack's name")
-    options = parser.parse_args()
+    return parser
+
+
+def open_work(options):
+    """The program, the shim and an empty folder; ends where the shim cannot work."""
     raylift, shim, work = options.raylift.resolve(), options.shim.resolve(), options.work.resolve()
     shutil.rmtree(work, ignore_errors=True)
     work.mkdir(parents=True)
     if run_with_fault(raylift, shim, work, ["--version"], "memory", 0)[3] is None:
         print("the shim does not work with this C library")
         sys.exit(77)
+    return raylift, shim, work
+
+
+def main():
+    parser = new_parser()
+    parser.add_argument("--stacks", type=int)
+    parser.add_argument("--command", action="append", choices=[command.name for command in COMMANDS])
+    parser.add_argument("--call", action="append", choices=(*CALLS, "power"))
+    parser.add_argument("--at", help="this one alone: a call's number or a stack's name")
+    options = parser.parse_args()
+    raylift, shim, work = open_work(options)
     make_inputs(raylift, work)
     start = run_with_fault(raylift, shim, work, ["status", "tum"], "memory", 0)[3]
     start_stacks = stacks_of(raylift, shim, work, ["status", "tum"], "memory")

@@ -8,10 +8,8 @@ which may be refused (5xx) or left without an answer; then the server must answe
 held. Exit code 77 where the shim cannot work.
 """
 
-import argparse
 import http.client
 import os
-import pathlib
 import random
 import shutil
 import signal
@@ -95,20 +93,11 @@ class Run:
 
 
 def main():
-    parser = argparse.ArgumentParser()
-    parser.add_argument("raylift", type=pathlib.Path)
-    parser.add_argument("shim", type=pathlib.Path)
-    parser.add_argument("work", type=pathlib.Path)
-    parser.add_argument("--points", type=int, default=3)
+    parser = faults.new_parser()
     parser.add_argument("--call", action="append", choices=CALLS)
     parser.add_argument("--at", type=int, help="this one alone")
     options = parser.parse_args()
-    raylift, shim, work = options.raylift.resolve(), options.shim.resolve(), options.work.resolve()
-    shutil.rmtree(work, ignore_errors=True)
-    work.mkdir(parents=True)
-    if faults.run_with_fault(raylift, shim, work, ["--version"], "memory", 0)[3] is None:
-        print("the shim does not work with this C library")
-        sys.exit(77)
+    raylift, shim, work = faults.open_work(options)
     shutil.rmtree(work)
     room.make_room(raylift, work)
     faults.run_plain(raylift, work, ["calibrate", "--scene", "scene.toml", "--leave-one-out", "--max-features", "300",

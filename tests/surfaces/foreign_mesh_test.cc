@@ -38,7 +38,7 @@ std::string MakeGlb() {
   const size_t png_at = bin.size();
   bin += png;
   while (bin.size() % 4 != 0) bin += '\0';
-  std::string json = fmt::format(
+  const std::string json = fmt::format(
       R"({{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0]}}],
 "nodes":[{{"mesh":0,"scale":[2,2,2],"translation":[10,20,30],"children":[1]}},{{"mesh":1,"scale":[-1,1,1]}}],
 "meshes":[{{"primitives":[{{"attributes":{{"POSITION":0,"TEXCOORD_0":1}},"indices":2,"material":0}}]}},
@@ -53,15 +53,7 @@ std::string MakeGlb() {
 {{"bufferView":1,"componentType":5126,"count":3,"type":"VEC2"}},
 {{"bufferView":2,"componentType":5123,"count":3,"type":"SCALAR"}}]}})",
       bin.size(), png_at, png.size());
-  while (json.size() % 4 != 0) json += ' ';
-  std::string glb = "glTF";
-  AppendBytes(glb, uint32_t{2});
-  AppendBytes(glb, static_cast<uint32_t>(12 + 8 + json.size() + 8 + bin.size()));
-  AppendBytes(glb, static_cast<uint32_t>(json.size()));
-  glb += "JSON" + json;
-  AppendBytes(glb, static_cast<uint32_t>(bin.size()));
-  glb += std::string("BIN\0", 4) + bin;
-  return glb;
+  return GlbOf(json, bin);
 }
 
 TEST(ReadGlb, NodesTexturesAndColorsAreApplied) {

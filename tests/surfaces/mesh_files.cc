@@ -76,4 +76,15 @@ int ReadTruncated(const std::filesystem::path& path, const std::string& contents
   return meshes;
 }
 
+std::string GlbOf(std::string json, const std::string& bin) {
+  while (json.size() % 4 != 0) json += ' ';
+  std::string glb = "glTF";
+  AppendBytes(glb, uint32_t{2});
+  AppendBytes(glb, static_cast<uint32_t>(12 + 8 + json.size() + 8 + bin.size()));
+  AppendBytes(glb, static_cast<uint32_t>(json.size()));
+  glb += "JSON" + json;
+  AppendBytes(glb, static_cast<uint32_t>(bin.size()));
+  return glb + std::string("BIN\0", 4) + bin;
+}
+
 }  // namespace raylift

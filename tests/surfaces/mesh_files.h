@@ -30,6 +30,9 @@ double SurfaceArea(const TriangleMesh& mesh);
 // or an InputError of one line that names the file. Returns how many gave a mesh.
 int ReadTruncated(const std::filesystem::path& path, const std::string& contents, size_t step = 1);
 
+// Binary glTF of a document and its buffer, whose size is a multiple of 4.
+std::string GlbOf(std::string json, const std::string& bin);
+
 // Appends the bytes of a number, reversed for big-endian files.
 template <typename T>
 void AppendBytes(std::string& bytes, T value, bool reversed = false) {

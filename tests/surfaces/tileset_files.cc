@@ -38,7 +38,7 @@ std::string TileGlb(const TilePatch& patch, const std::string& node, const std::
   for (const auto& triangle : patch.triangles) {
     for (const uint32_t index : triangle) AppendBytes(bin, index);
   }
-  std::string json = fmt::format(
+  const std::string json = fmt::format(
       R"({{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0]}}],"nodes":[{{"mesh":0{}}}],
 "meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}},"indices":1}}]}}],
 "buffers":[{{"byteLength":{}}}],"bufferViews":[{{"buffer":0,"byteLength":{}}},
@@ -47,14 +47,7 @@ std::string TileGlb(const TilePatch& patch, const std::string& node, const std::
 {{"bufferView":1,"componentType":5125,"count":{},"type":"SCALAR"}}]{}}})",
       node, bin.size(), indices_at, indices_at, bin.size() - indices_at, patch.vertices.size(),
       fmt::join(box.min(), ","), fmt::join(box.max(), ","), patch.triangles.size() * 3, root);
-  while (json.size() % 4 != 0) json += ' ';
-  std::string glb = "glTF";
-  AppendBytes(glb, uint32_t{2});
-  AppendBytes(glb, static_cast<uint32_t>(12 + 8 + json.size() + 8 + bin.size()));
-  AppendBytes(glb, static_cast<uint32_t>(json.size()));
-  glb += "JSON" + json;
-  AppendBytes(glb, static_cast<uint32_t>(bin.size()));
-  return glb + std::string("BIN\0", 4) + bin;
+  return GlbOf(json, bin);
 }
 
 std::string Tile(const std::string& kind, const std::string& rest) {
