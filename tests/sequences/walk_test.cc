@@ -115,6 +115,13 @@ TEST_F(ReadWalkTest, ReadsEurocsCsvInNanoseconds) {
   EXPECT_NEAR(walk.frames[1].time_s - walk.frames[0].time_s, 0.11, 1e-6);
 }
 
+// Times since a start are too small to tell their unit.
+TEST_F(ReadWalkTest, EurocsTimesAreNanosecondsHoweverSmall) {
+  const path odometry = Written("small.csv", "100000000,0,0,0,1,0,0,0\n200000000,1,0,0,1,0,0,0\n");
+  const path times = Written("small_times.txt", "a.jpg 0.11\nb.jpg 0.19\n");
+  EXPECT_THAT(QueriesOf(ReadWalk(odometry, times, kNames)), ElementsAre(1, 2));
+}
+
 TEST_F(ReadWalkTest, TumLinesMayBeInNanoseconds) {
   const path odometry = Written("nano.txt",
                                 "1403636579758555392 0 0 0 0 0 0.7071067811865476 "
@@ -179,6 +186,20 @@ TEST_F(ReadWalkTest, FramesOfTransformsGoByTheEndOfTheirPaths) {
   EXPECT_TRUE(GoesAlongX(ReadWalk(odometry, {}, kNames)));
 }
 
+TEST_F(ReadWalkTest, AnEndThatTwoPathsHaveIsNone) {
+  const path odometry = Written("twice.jsonl",
+                                "{\"name\": \"left/a.jpg\", \"transform\": "
+                                "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}\n"
+                                "{\"name\": \"right/a.jpg\", \"transform\": "
+                                "[[1,0,0,1],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}\n"
+                                "{\"name\": \"left/b.jpg\", \"transform\": "
+                                "[[1,0,0,2],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}\n");
+  EXPECT_TRUE(FailsWithInputError([&] { ReadWalk(odometry, {}, kNames); },
+                                  {"twice.jsonl", "found 1 of 3"}));
+  EXPECT_THAT(QueriesOf(ReadWalk(odometry, {}, Names({"right/a.jpg", "b.jpg"}))),
+              ElementsAre(1, 0));
+}
+
 TEST_F(ReadWalkTest, KapturesTimesAreTaken) {
   Written("kapture/sensors/sensors.txt",
           "# kapture format: 1.1\ncam, , camera, SIMPLE_PINHOLE, 640, 480, 500, 320, 240\n");
@@ -200,9 +221,12 @@ TEST_F(ReadWalkTest, KapturesTimesAreTaken) {
 TEST_F(ReadWalkTest, TheCameraSitsOnTheBody) {
   const path odometry = Written("body.txt", kThreePoses);
   const path times = Written("body_times.txt", "a.jpg 1.0\nb.jpg 1.1\n");
-  const Rigid3 cam_from_body{Eigen::Quaterniond(0, 1, 0, 0), {0, 0, 2}};
+  // A quarter turn about x: the camera is at y = -2 of the body.
+  const Rigid3 cam_from_body{
+      Eigen::Quaterniond(Eigen::AngleAxisd(std::numbers::pi / 2, Eigen::Vector3d::UnitX())),
+      {0, 0, 2}};
   const Walk walk = ReadWalk(odometry, times, kNames, cam_from_body);
-  EXPECT_LT((walk.frames[1].cam_from_odometry.OriginInSource() - Eigen::Vector3d(1, 0, 2)).norm(),
+  EXPECT_LT((walk.frames[1].cam_from_odometry.OriginInSource() - Eigen::Vector3d(1, -2, 0)).norm(),
             1e-12);
 }
 
