@@ -31,8 +31,8 @@ uint64_t WorldOf(const ServedScene& scene) {
 
 }  // namespace
 
-SceneWalks::SceneWalks(const WalkTokens& tokens, const ServedScene& scene)
-    : tokens_(tokens), localizer_(scene.localizer), world_(WorldOf(scene)) {}
+SceneWalks::SceneWalks(const WalkTokens& tokens, const ServedScene& scene, int threads)
+    : tokens_(tokens), world_(WorldOf(scene)), distances_(scene.localizer->scene(), threads) {}
 
 ServedWalk SceneWalks::Before(const WalkStep& step) const {
   if (step.token.empty()) return {.scale = step.scale.value_or(OdometryScale::kKnown)};
@@ -49,7 +49,7 @@ ServedWalk SceneWalks::Before(const WalkStep& step) const {
 }
 
 SceneWalks::Walked SceneWalks::GoOn(ServedWalk walk, const WalkedPhotograph& photograph) const {
-  TrackedPose tracked = Track(photograph, Distances(), {.scale = walk.scale}, walk.state);
+  TrackedPose tracked = Track(photograph, distances_, {.scale = walk.scale}, walk.state);
   nlohmann::ordered_json session = {
       {"token", tokens_.Seal(std::move(walk), world_, std::chrono::system_clock::now())},
       {"world_from_odometry", nullptr},
@@ -58,11 +58,6 @@ SceneWalks::Walked SceneWalks::GoOn(ServedWalk walk, const WalkedPhotograph& pho
     session["world_from_odometry"] = ToJson(*tracked.world_from_odometry);
   }
   return {std::move(tracked.query), JsonText(session)};
-}
-
-const SceneDistances& SceneWalks::Distances() const {
-  std::call_once(measured_, [this] { distances_.emplace(localizer_->scene(), 1); });
-  return *distances_;
 }
 
 }  // namespace raylift

@@ -3,9 +3,6 @@
 #pragma once
 
 #include <cstdint>
-#include <memory>
-#include <mutex>
-#include <optional>
 #include <string>
 
 #include "service/localize_request.h"
@@ -19,7 +16,9 @@ namespace raylift {
 // Thread safe.
 class SceneWalks {
  public:
-  SceneWalks(const WalkTokens& tokens, const ServedScene& scene);
+  // Measures the scene's distances, by so many threads (0: one for each core): a walk's first
+  // photograph shall not wait for that.
+  SceneWalks(const WalkTokens& tokens, const ServedScene& scene, int threads);
 
   // Returns the walk so far. Throws Problem where the step cannot follow it.
   ServedWalk Before(const WalkStep& step) const;
@@ -31,14 +30,9 @@ class SceneWalks {
   Walked GoOn(ServedWalk walk, const WalkedPhotograph& photograph) const;
 
  private:
-  const SceneDistances& Distances() const;
-
   const WalkTokens& tokens_;
-  std::shared_ptr<const Localizer> localizer_;
   uint64_t world_;  // tells apart what poses are in
-  // Made for the first walk.
-  mutable std::once_flag measured_;
-  mutable std::optional<SceneDistances> distances_;
+  SceneDistances distances_;
 };
 
 }  // namespace raylift

@@ -38,8 +38,8 @@ struct Service::Opened {
   SceneWalks walks;
   std::unique_ptr<const ScenePlace> place;  // null: it is not known
 
-  Opened(const WalkTokens& tokens, ServedScene opened)
-      : scene(std::move(opened)), walks(tokens, scene) {}
+  Opened(const WalkTokens& tokens, ServedScene opened, int threads)
+      : scene(std::move(opened)), walks(tokens, scene, threads) {}
 
   // A line of queries.jsonl; and as GeoPose where the place is known.
   std::string Line(const LocalizedQuery& query) const {
@@ -190,7 +190,7 @@ Service::Service(const ServerOptions& options)
 void Service::Take(std::vector<ServedScene> scenes) {
   auto opened = std::make_shared<OpenedScenes>();
   for (ServedScene& given : scenes) {
-    auto entry = std::make_shared<Opened>(walk_tokens_, std::move(given));
+    auto entry = std::make_shared<Opened>(walk_tokens_, std::move(given), options_.threads);
     const ServedScene& scene = entry->scene;
     for (const PosedImage& image : scene.localizer->scene().references.images) {
       entry->references.emplace(image.name, &image);
