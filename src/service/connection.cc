@@ -216,11 +216,11 @@ void Connection::GoOnWithBatch() {
   watch_.deadline = AnswerWatch::Clock::now() + Milliseconds(shared_.options.limits.answer_s);
   shared_.queue.AddAgain(
       Task([](Connection& c) { return c.shared_.service.Next(*c.batch_, c.watch_); },
-           [](Connection& c, std::string line) { c.WriteLine(std::move(line)); }));
+           [](Connection& c, auto line) { c.WriteLine(std::move(line)); }));
 }
 
-void Connection::WriteLine(std::string line) {
-  line_ = std::move(line);
+void Connection::WriteLine(Service::BatchLine line) {
+  line_ = std::move(line.text);
   stream_.expires_after(Milliseconds(shared_.options.limits.write_s));
   asio::async_write(stream_, http::make_chunk(asio::buffer(line_)),
                     [self = shared_from_this()](error_code error, size_t) {

@@ -75,6 +75,8 @@ struct Shared {
          static_cast<double>(queue.threads())},
         {"raylift_threads_busy", "Photographs that are worked on.",
          static_cast<double>(queue.NumInHand())},
+        {"raylift_photograph_seconds", "What a photograph has taken a thread lately.",
+         queue.usual().count()},
         {"raylift_connections", "Open connections.", static_cast<double>(connections.size())},
         {"raylift_body_bytes", "Bodies that are held.", static_cast<double>(held_bytes)},
         {"process_resident_memory_bytes", "Resident memory.", ResidentBytes()}};
@@ -133,8 +135,10 @@ class Connection : public std::enable_shared_from_this<Connection> {
     using Result = decltype(work(*this));
     auto job = std::make_shared<Job<Result>>(Job<Result>{.self = shared_from_this()});
     return [job = std::move(job), work, then] {
+      bool tells_time = false;
       try {
         job->result = work(*job->self);
+        tells_time = IsOfPhotograph(*job->result);
       } catch (const std::exception&) {
         job->failure = std::current_exception();
       }
@@ -148,8 +152,12 @@ class Connection : public std::enable_shared_from_this<Connection> {
           throw;
         }
       });
+      return tells_time;
     };
   }
+  static bool IsOfPhotograph(const HttpAnswer& answer) { return answer.is_of_photograph; }
+  static bool IsOfPhotograph(const Service::BatchLine& line) { return line.is_of_photograph; }
+  static bool IsOfPhotograph(const Service::BegunBatch&) { return false; }
 
   // There may be no memory for a while.
   template <typename Handler>
@@ -169,7 +177,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   void NoteIfGone();
   void OnBatch(Service::BegunBatch begun);
   void GoOnWithBatch();
-  void WriteLine(std::string line);
+  void WriteLine(Service::BatchLine line);
   void SetResponse(const HttpAnswer& answer);
   void Write(HttpAnswer answer);
   void OnWritten(const error_code& error);

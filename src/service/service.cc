@@ -358,8 +358,8 @@ HttpAnswer Service::AnswerLocalize(const HttpRequest& request, const AnswerWatch
   const std::optional<WalkStep> step = std::move(read.session);
   ServedWalk walk = step ? opened->walks.Before(*step) : ServedWalk{};
   const Query query = read.query;
+  HttpAnswer answer{.is_of_photograph = std::holds_alternative<Image>(read.evidence)};
   const LocalizedQuery localized = Run(*opened, std::move(read), watch);
-  HttpAnswer answer;
   if (step) {
     const SceneWalks::Walked walked = opened->walks.GoOn(
         std::move(walk), {query, localized, step->cam_from_odometry, step->time_s});
@@ -416,7 +416,8 @@ HttpAnswer Service::AnswerGeoPose(const HttpRequest& request, const AnswerWatch&
   }
   const auto camera = opened.place->CameraOf(localized.estimate);
   if (!camera) throw Problem(422, "the photograph was localized beyond where the CRS is meant for");
-  HttpAnswer answer{.body = FormatGeoPoseAnswer(read, opened.scene.name, localized, *camera)};
+  HttpAnswer answer{.body = FormatGeoPoseAnswer(read, opened.scene.name, localized, *camera),
+                    .is_of_photograph = true};
   answer.headers.emplace_back("Server-Timing", ServerTiming(localized.times));
   return answer;
 }
@@ -452,7 +453,7 @@ Service::BegunBatch Service::BeginBatch(HttpRequest request) {
   }
 }
 
-std::string Service::Next(Batch& batch, const AnswerWatch& watch) {
+Service::BatchLine Service::Next(Batch& batch, const AnswerWatch& watch) {
   const size_t index = batch.next++;
   try {
     return AsProblems(options_, [&] {
@@ -462,13 +463,14 @@ std::string Service::Next(Batch& batch, const AnswerWatch& watch) {
         tokens_->Admit(batch.request.authorization, AnswerWatch::Clock::now());
       }
       LocalizeRequest read = ReadBatchEntry(batch.photographs, index, options_.limits.pixels);
-      return batch.scene->Line(Run(*batch.scene, std::move(read), watch)) + '\n';
+      return BatchLine{.text = batch.scene->Line(Run(*batch.scene, std::move(read), watch)) + '\n',
+                       .is_of_photograph = true};
     });
   } catch (const Problem& problem) {
     nlohmann::ordered_json line = {{"name", batch.photographs.photographs[index].name},
                                    {"status", "refused"},
                                    {"problem", ProblemObject(problem)}};
-    return JsonText(line) + '\n';
+    return {.text = JsonText(line) + '\n'};
   }
 }
 

@@ -38,6 +38,8 @@ struct HttpAnswer {
   std::string content_type = "application/json";
   std::string body = {};
   std::vector<std::pair<std::string, std::string>> headers = {};
+  // Whether it is the pose of a photograph, which took as long as these do.
+  bool is_of_photograph = false;
 };
 
 // Whether somebody still waits for an answer.
@@ -88,8 +90,12 @@ class Service {
     std::unique_ptr<Batch> batch;  // null: the request was refused
   };
   BegunBatch BeginBatch(HttpRequest request);
-  // A line for the next photograph: its answer, or its name and what was wrong with it.
-  std::string Next(Batch& batch, const AnswerWatch& watch);
+  struct BatchLine {
+    std::string text;
+    bool is_of_photograph = false;  // as of HttpAnswer
+  };
+  // The next photograph's answer, or its name and what was wrong with it.
+  BatchLine Next(Batch& batch, const AnswerWatch& watch);
 
   // Returns the answer that tells a problem, and counts it.
   HttpAnswer Refuse(const HttpRequest& request, const Problem& problem);

@@ -1,5 +1,6 @@
 #include "service/work_queue.h"
 
+#include <optional>
 #include <system_error>
 #include <utility>
 
@@ -73,13 +74,18 @@ size_t WorkQueue::NumInHand() const {
   return in_hand_;
 }
 
+WorkQueue::Seconds WorkQueue::usual() const {
+  const std::lock_guard lock(mutex_);
+  return usual_;
+}
+
 void WorkQueue::Serve() {
   constexpr double kWeightOfNewest = 0.1;
   std::unique_lock lock(mutex_);
   while (true) {
     changed_.wait(lock, [this] { return ends_ || !waiting_.empty(); });
     if (ends_) return;
-    Seconds taken{};
+    std::optional<Seconds> taken;
     {
       const Work work = std::move(waiting_.front().work);
       num_new_ -= waiting_.front().is_new ? 1 : 0;
@@ -87,12 +93,11 @@ void WorkQueue::Serve() {
       ++in_hand_;
       lock.unlock();
       const auto begin = std::chrono::steady_clock::now();
-      work();
-      taken = std::chrono::steady_clock::now() - begin;
+      if (work()) taken = std::chrono::steady_clock::now() - begin;
     }  // what it holds is freed without the lock
     lock.lock();
     --in_hand_;
-    usual_ += (usual_ == Seconds{} ? 1 : kWeightOfNewest) * (taken - usual_);
+    if (taken) usual_ += (usual_ == Seconds{} ? 1 : kWeightOfNewest) * (*taken - usual_);
   }
 }
 

@@ -15,7 +15,8 @@ namespace raylift {
 
 class WorkQueue {
  public:
-  using Work = std::function<void()>;  // throws nothing
+  // Returns whether it was one of those whose time tells how long others will take. Throws nothing.
+  using Work = std::function<bool()>;
 
   using Seconds = std::chrono::duration<double>;
 
@@ -27,7 +28,7 @@ class WorkQueue {
   WorkQueue& operator=(const WorkQueue&) = delete;
 
   // Returns whether there was room: while all threads are busy there is none for what would wait
-  // too long, as work has taken lately. Thread safe, as all of these.
+  // too long, as work that tells has taken lately. Thread safe, as all of these.
   bool TryAdd(Work work);
   // What was admitted before goes on behind all that waits, so that others have their turn, and
   // takes the room of none of them.
@@ -36,6 +37,7 @@ class WorkQueue {
   bool IsFull() const;
   size_t NumWaiting() const;  // for the first time
   size_t NumInHand() const;
+  Seconds usual() const;  // time of a piece of work that tells; 0: there was none
   int threads() const { return static_cast<int>(threads_.size()); }
 
  private:
@@ -54,7 +56,7 @@ class WorkQueue {
   std::deque<Waiting> waiting_;
   size_t num_new_ = 0;  // of those that wait
   size_t in_hand_ = 0;
-  Seconds usual_ = {};  // time of a piece of work
+  Seconds usual_ = {};
   bool ends_ = false;
   std::vector<std::thread> threads_;
 };

@@ -10,6 +10,8 @@ namespace {
 
 constexpr WorkQueue::Seconds kLong(1e6);
 
+bool Nothing() { return true; }
+
 TEST(WorkQueue, TakesNoMoreThanMayWait) {
   WorkQueue queue(1, 2, kLong);
   std::promise<void> begun, go_on;
@@ -17,16 +19,26 @@ TEST(WorkQueue, TakesNoMoreThanMayWait) {
   ASSERT_TRUE(queue.TryAdd([&] {
     begun.set_value();
     may_go_on.wait();
+    return true;
   }));
   begun.get_future().wait();  // it waits no more
   std::vector<int> done;
-  EXPECT_TRUE(queue.TryAdd([&] { done.push_back(1); }));
-  EXPECT_TRUE(queue.TryAdd([&] { done.push_back(2); }));
+  const auto push = [&done](int i) {
+    return [&done, i] {
+      done.push_back(i);
+      return true;
+    };
+  };
+  EXPECT_TRUE(queue.TryAdd(push(1)));
+  EXPECT_TRUE(queue.TryAdd(push(2)));
   EXPECT_TRUE(queue.IsFull());
   EXPECT_EQ(queue.NumInHand(), 1u);
-  EXPECT_FALSE(queue.TryAdd([&] { done.push_back(3); }));
+  EXPECT_FALSE(queue.TryAdd(push(3)));
   std::promise<void> ended;
-  queue.AddAgain([&] { ended.set_value(); });
+  queue.AddAgain([&] {
+    ended.set_value();
+    return true;
+  });
   go_on.set_value();
   ended.get_future().wait();
   EXPECT_EQ(done, (std::vector<int>{1, 2}));
@@ -39,11 +51,15 @@ TEST(WorkQueue, WhatGoesOnTakesNoRoom) {
   ASSERT_TRUE(queue.TryAdd([&] {
     begun.set_value();
     may_go_on.wait();
+    return true;
   }));
   begun.get_future().wait();
-  queue.AddAgain([] {});
+  queue.AddAgain(Nothing);
   EXPECT_FALSE(queue.IsFull());
-  EXPECT_TRUE(queue.TryAdd([&] { ended.set_value(); }));
+  EXPECT_TRUE(queue.TryAdd([&] {
+    ended.set_value();
+    return true;
+  }));
   EXPECT_TRUE(queue.IsFull());
   go_on.set_value();
   ended.get_future().wait();
@@ -56,15 +72,33 @@ TEST(WorkQueue, TakesNothingThatWouldWaitTooLong) {
   };
   std::promise<void> go_on;
   auto may_go_on = go_on.get_future().share();
-  ASSERT_TRUE(queue.TryAdd([] {}));  // tells how long work takes
+  ASSERT_TRUE(queue.TryAdd(Nothing));  // tells how long work takes
   wait_until_idle();
   EXPECT_FALSE(queue.IsFull());
-  ASSERT_TRUE(queue.TryAdd([&] { may_go_on.wait(); }));
+  ASSERT_TRUE(queue.TryAdd([&] {
+    may_go_on.wait();
+    return true;
+  }));
   EXPECT_TRUE(queue.IsFull());
-  EXPECT_FALSE(queue.TryAdd([] {}));
+  EXPECT_FALSE(queue.TryAdd(Nothing));
   go_on.set_value();
   wait_until_idle();
-  EXPECT_TRUE(queue.TryAdd([] {}));  // its thread is free
+  EXPECT_TRUE(queue.TryAdd(Nothing));  // its thread is free
+}
+
+TEST(WorkQueue, WhatIsNotLikeTheOthersTellsNoTime) {
+  WorkQueue queue(1, 10, WorkQueue::Seconds(0));
+  const auto run = [&](const WorkQueue::Work& work) {
+    ASSERT_TRUE(queue.TryAdd(work));
+    while (queue.NumWaiting() + queue.NumInHand() > 0) std::this_thread::yield();
+  };
+  run([] { return false; });
+  EXPECT_EQ(queue.usual(), WorkQueue::Seconds(0));
+  run(Nothing);
+  const WorkQueue::Seconds usual = queue.usual();
+  EXPECT_GT(usual, WorkQueue::Seconds(0));
+  run([] { return false; });
+  EXPECT_EQ(queue.usual(), usual);
 }
 
 }  // namespace
