@@ -174,7 +174,8 @@ void AddServerOptions(CLI::App& command, ServeFlags& flags) {
             "Photographs that wait for a thread; further ones are refused (429), and\n"
             "so are those that would wait for more than half of --deadline");
   limit.Add("--max-connections", limits.connections,
-            "Connections at once; further ones are refused (503)");
+            "Connections at once; further ones take the place of those that ask\n"
+            "nothing, and are else refused (503)");
   add_size("--max-body-mb", limits.body_bytes, kMegabyte, "Size of a request's body (413)");
   add_size("--max-held-mb", limits.held_bytes, kMegabyte, "Size of all bodies at once (503)");
   add_size("--max-megapixels", limits.pixels, kMegapixel, "Size of a photograph (413)");

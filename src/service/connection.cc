@@ -78,6 +78,7 @@ Connection::Connection(tcp::socket socket, Shared& shared)
 }
 
 Connection::~Connection() {
+  EndIdle();
   shared_.held_bytes -= held_bytes_;
   shared_.connections.erase(this);
   if (shared_.on_closed) shared_.on_closed();
@@ -87,17 +88,22 @@ void Connection::ReadHeader() {
   parser_.emplace();
   parser_->header_limit(kMaxHeaderBytes);
   parser_->body_limit(shared_.options.limits.body_bytes);
-  is_idle_ = true;
+  idle_ = shared_.idle.insert(shared_.idle.end(), this);
   stream_.expires_after(Milliseconds(shared_.options.limits.header_s));
   http::async_read_header(stream_, buffer_, *parser_,
                           [self = shared_from_this()](error_code error, size_t) {
-                            self->is_idle_ = false;
+                            self->EndIdle();
                             self->OnHeader(error);
                           });
 }
 
-void Connection::CloseIfIdle() {
-  if (is_idle_) stream_.close();
+void Connection::CloseIdle() {
+  EndIdle();
+  stream_.close();
+}
+
+void Connection::EndIdle() {
+  if (const auto place = std::exchange(idle_, std::nullopt)) shared_.idle.erase(*place);
 }
 
 void Connection::OnHeader(const error_code& error) {

@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <exception>
 #include <functional>
+#include <list>
 #include <memory>
 #include <new>
 #include <optional>
@@ -89,6 +90,7 @@ struct Shared {
   size_t held_bytes = 0;  // of bodies
   bool is_draining = false;
   std::set<class Connection*> connections;
+  std::list<Connection*> idle;  // of them those without a request, the longest so first
   std::function<void()> on_closed;
   // These end first: what they hold refers to the others.
   asio::io_context io{1};
@@ -105,11 +107,12 @@ class Connection : public std::enable_shared_from_this<Connection> {
   Connection& operator=(const Connection&) = delete;
 
   void ReadHeader();
-  // Ends it unless a request is under way.
-  void CloseIfIdle();
+  // Ends it, which has no request under way.
+  void CloseIdle();
   bool runs_batch() const { return runs_batch_; }
 
  private:
+  void EndIdle();
   void OnHeader(const error_code& error);
   void Fail(const error_code& error);
   void Refuse(const Problem& problem);
@@ -195,8 +198,8 @@ class Connection : public std::enable_shared_from_this<Connection> {
   http::response<http::string_body> response_;
   std::unique_ptr<Service::Batch> batch_;  // null: it has asked for none
   std::optional<http::response_serializer<http::string_body>> streamed_;
-  std::string line_;  // of the batch, on its way
-  bool is_idle_ = false;
+  std::string line_;                                      // of the batch, on its way
+  std::optional<std::list<Connection*>::iterator> idle_;  // its place among these
   bool runs_batch_ = false;
   bool closes_ = true;  // after the answer
 };

@@ -94,7 +94,8 @@ class Server::Impl {
     accepting_ = accepting;
     acceptor_.async_accept([this, accepting](error_code error, tcp::socket socket) {
       if (shared_.is_draining) return;
-      if (error) return AcceptLater();  // files have run out
+      if (error == asio::error::no_descriptors && CloseLongestIdle()) return Accept();
+      if (error) return AcceptLater();
       try {
         Take(std::move(socket));
         Accept();
@@ -107,11 +108,19 @@ class Server::Impl {
 
   void Take(tcp::socket socket) {
     const auto most = static_cast<size_t>(shared_.options.limits.connections);
-    if (shared_.connections.size() < most) {
+    if (shared_.connections.size() < most || CloseLongestIdle()) {
       std::make_shared<Connection>(std::move(socket), shared_)->ReadHeader();
     } else {
       SendAway(socket);
     }
+  }
+
+  // Whoever holds connections open without a request keeps nobody out. Returns whether there was
+  // one.
+  bool CloseLongestIdle() {
+    if (shared_.idle.empty()) return false;
+    shared_.idle.front()->CloseIdle();
+    return true;
   }
 
   // What failed may have taken the handler with it that accepts.
@@ -174,8 +183,8 @@ class Server::Impl {
     error_code ignored;
     acceptor_.close(ignored);
     accept_again_.cancel();
-    const std::set<Connection*> all = shared_.connections;
-    for (Connection* connection : all) connection->CloseIfIdle();
+    while (CloseLongestIdle()) {
+    }
     EndIfDone();
   }
 

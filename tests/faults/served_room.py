@@ -9,6 +9,7 @@ import signal
 import socket
 import struct
 import subprocess
+import time
 
 import faults_test as faults
 
@@ -281,3 +282,16 @@ def attack(address, attempt):
         except ConnectionError:
             return 0
         return int(first.split()[1]) if first.startswith(b"HTTP/1.1 ") else 0
+
+
+def wait_until_idle(server):
+    """What is still held after a minute."""
+    for _ in range(600):
+        held = {name: server.gauge(name) for name in ("raylift_queue_waiting", "raylift_threads_busy",
+                                                      "raylift_body_bytes")}
+        # The one that asks is a connection.
+        held["raylift_connections"] = server.gauge("raylift_connections") - 1
+        if not any(held.values()):
+            return []
+        time.sleep(0.1)
+    return [f"at the end there is still {held}"]

@@ -94,19 +94,6 @@ class Soak:
         return max(later) / later[0] if later else 1.0
 
 
-def wait_until_idle(server):
-    """What is still held after a minute."""
-    for _ in range(600):
-        held = {name: server.gauge(name) for name in ("raylift_queue_waiting", "raylift_threads_busy",
-                                                      "raylift_body_bytes")}
-        # The one that asks is a connection.
-        held["raylift_connections"] = server.gauge("raylift_connections") - 1
-        if not any(held.values()):
-            return []
-        time.sleep(0.1)
-    return [f"at the end there is still {held}"]
-
-
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("raylift", type=pathlib.Path)
@@ -134,7 +121,7 @@ def main():
                 if kind == "matches" and not is_sanitized and soak.growth() > MOST_GROWTH:
                     wrong.append(f"resident memory: {soak.resident}")
             print(told, flush=True)
-        wrong += wait_until_idle(server) if server.process.poll() is None else []
+        wrong += room.wait_until_idle(server) if server.process.poll() is None else []
         code, said = server.end()
         if code != 0 or said:
             wrong.append(f"the server ended with {code}: {said}")

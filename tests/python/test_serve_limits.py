@@ -201,11 +201,18 @@ def test_slow_clients_block_nobody_and_are_let_go(folder):
             connection.close()
 
 
-def test_connections_beyond_the_limit_are_sent_away(folder):
+def test_connections_beyond_the_limit_are_sent_away_where_none_is_idle(folder):
     with Server(*FAST, "--cache", folder / "cache", "--max-connections", "5") as server:
-        many = [socket.create_connection(server.address, timeout=60) for _ in range(8)]
-        assert all(connection.recv(1000).startswith(b"HTTP/1.1 503") for connection in many[5:])
-        for connection in many:
+        idle = [socket.create_connection(server.address, timeout=60) for _ in range(8)]
+        assert all(connection.recv(1000) == b"" for connection in idle[:3])  # the oldest give way
+        reading = [socket.create_connection(server.address, timeout=60) for _ in range(5)]
+        for connection in reading:
+            connection.sendall((HEAD + "Content-Type: application/json\r\nContent-Length: 50\r\nExpect: 100-continue"
+                                       "\r\n\r\n").encode())
+            assert connection.recv(1000).startswith(b"HTTP/1.1 100")
+        with socket.create_connection(server.address, timeout=60) as beyond:
+            assert beyond.recv(1000).startswith(b"HTTP/1.1 503")
+        for connection in idle + reading:
             connection.close()
         while not is_well(server):  # until it has seen them go
             time.sleep(0.1)

@@ -43,7 +43,9 @@ using OpenScenes = std::function<std::vector<ServedScene>()>;
 
 // What clients may take. Bodies are counted as they are decoded.
 struct ServerLimits {
-  int connections = 1000;  // at once; further ones are told to come later
+  // At once. Further ones take the place of that which has been without a request for longest, and
+  // where there is none are told to come later (503).
+  int connections = 1000;
   // Requests that wait for a thread; further ones get 429, and so do those that would wait for more
   // than half of answer_s.
   size_t queue = 64;
