@@ -20,37 +20,61 @@ REPAIRS = [
     (r"\*\*kwargs\)", "**kwargs: typing.Any)"),
     (r"(__hash__: typing.ClassVar\[None\]) = None", r"\1  # type: ignore[assignment]"),
     (r"abc\.Iterator(?!\[)", "abc.Iterator[typing.Any]"),
+    (r"(def __eq__\(self, other: )typing\.Any", r"\1object"),
     (r"(def __array__\(.*-> )typing\.Any", r"\1numpy.typing.NDArray[typing.Any]"),
     (r"\*args,", "*args: raylift._types.GeometryLike,"),
+    (r"(?m)^import raylift\._types$", "import raylift._results\nimport raylift._types"),
     (r"(?m)^import typing$", "import typing\nimport typing_extensions"),
 ]
-# The options that functions take by keyword, as raylift/_types.py has them.
-OPTIONS = {
-    "DepthMaps.from_arrays": "DepthMapOptions",
-    "Localizer.__init__": "LocalizerOptions",
-    "RayCaster.render": "RenderOptions",
-    "RayCaster.render_many": "RenderOptions",
-    "estimate": "EstimateOptions",
-    "estimate_all": "EstimateOptions",
-    "filter_points": "FilterThresholds",
-    "merge_candidates": "CandidateOptions",
-    "refine_pose": "EstimateOptions",
-    "write_depth": "DepthWriteOptions",
+# What the bindings leave open: arguments, options and results ("return") by names of raylift/_types.py
+# and raylift/_results.py, or of the module itself.
+TYPES = {
+    "ColmapModel.image": {"return": "_results.ModelImage"},
+    "ColmapModel.points3d": {"return": "_results.ModelPoints"},
+    "DepthMaps.__init__": {"kwargs": "_types.SpecValue"},
+    "DepthMaps.from_arrays": {"kwargs": "Unpack[_types.DepthMapOptions]"},
+    "DepthMaps.load": {"return": "numpy.typing.NDArray[numpy.float32] | None"},
+    "Geometry.lift": {"return": "_results.LiftedPixels"},
+    "Lifter.lift": {"return": "_results.LiftedBySources"},
+    "LocalizedQuery.counts": {"return": "_results.StageCounts"},
+    "Localizer.__init__": {"kwargs": "Unpack[_types.LocalizerOptions]"},
+    "Localizer.leave_one_out": {"return": "dict[str, LocalizedQuery]"},
+    "Localizer.localize": {"query": "_types.PhotographLike"},
+    "Localizer.localize_all": {"return": "dict[str, LocalizedQuery]"},
+    "Mesh.read": {"files": "_types.PathLike | collections.abc.Sequence[_types.PathLike]"},
+    "PoseEstimate.noise": {"return": "_results.Noise | None"},
+    "RayCaster.cast": {"return": "_results.RayHits"},
+    "RayCaster.render": {"return": "_results.Pictures", "kwargs": "Unpack[_types.RenderOptions]"},
+    "RayCaster.render_many": {
+        "cameras": "_types.CameraLike | collections.abc.Sequence[_types.CameraLike]",
+        "return": "list[_results.Pictures]", "kwargs": "Unpack[_types.RenderOptions]"},
+    "RayCaster.score_views": {"return": "_results.ViewScores"},
+    "SfmPoints.__init__": {"kwargs": "_types.SpecValue"},
+    "estimate": {"kwargs": "Unpack[_types.EstimateOptions]"},
+    "estimate_all": {"kwargs": "Unpack[_types.EstimateOptions]"},
+    "extract_features": {"return": "_results.FoundFeatures"},
+    "filter_points": {
+        "return": "tuple[PoseProblem, numpy.typing.NDArray[numpy.bool_], _results.FilterCounts]",
+        "kwargs": "Unpack[_types.FilterThresholds]"},
+    "merge_candidates": {"kwargs": "Unpack[_types.CandidateOptions]"},
+    "read_poses": {"return": "dict[str, Rigid3]"},
+    "refine_pose": {"kwargs": "Unpack[_types.EstimateOptions]"},
+    "write_depth": {"return": "_results.WrittenDepth", "kwargs": "Unpack[_types.DepthWriteOptions]"},
 }
 HEAD = "# Written by make_stubs.py; do not edit.\n"
 
 
-def with_options(text: str) -> str:
-    """The stubs with the options' types for what is left of keywords."""
+def with_types(text: str) -> str:
+    """The stubs with what TYPES says in place of what is left open."""
     lines, owner = [], ""
     for line in text.splitlines():
         if found := re.match(r"(class|def) (\w+)", line):
             owner = found[2] + "." if found[1] == "class" else ""
         if found := re.match(r"\s*def (\w+)", line):
-            options = OPTIONS.get(owner + found[1])
-            if options is not None:
-                line = line.replace("**kwargs: typing.Any",
-                                    f"**kwargs: typing_extensions.Unpack[raylift._types.{options}]")
+            for name, kind in TYPES.get(owner + found[1], {}).items():
+                kind = re.sub(r"\b_(?=types|results)", "raylift._", kind).replace("Unpack", "typing_extensions.Unpack")
+                pattern = r"-> .*:$" if name == "return" else rf"\b{name}: (typing\.Any|dict\[str, typing\.Any\])"
+                line = re.sub(pattern, f"-> {kind}:" if name == "return" else f"{name}: {kind}", line)
         lines.append(line.rstrip())
     return "\n".join(lines) + "\n"
 
@@ -65,7 +89,7 @@ def make_stubs() -> str:
     for i in range(0, len(parts), 2):
         for pattern, replacement in REPAIRS:
             parts[i] = re.sub(pattern, replacement, parts[i])
-    return HEAD + with_options("".join(parts))
+    return HEAD + with_types("".join(parts))
 
 
 if __name__ == "__main__":

@@ -13,10 +13,11 @@ def main(demo: Path, out: Path) -> None:
                              out / "comparison", truth="mesh", max_side=160)
     errors = {}
     for source in result["depth"]["sources"]:
-        if not source["is_truth"]:
-            errors[source["name"]] = source["means"]["abs_rel"]
+        error = source["means"]["abs_rel"]
+        if error is not None and not source["is_truth"]:
+            errors[source["name"]] = error
             findings = "; ".join(finding["text"] for finding in source["findings"])
-            print(f"{source['name']}: mean relative error {errors[source['name']]:.3f}; {findings}")
+            print(f"{source['name']}: mean relative error {error:.3f}; {findings}")
     try:
         import matplotlib.pyplot as plt
     except ImportError:

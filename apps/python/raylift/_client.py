@@ -10,11 +10,12 @@ import urllib.parse
 import urllib.request
 import uuid
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Dict, List, Mapping, Optional, Sequence, Union
+from typing import TYPE_CHECKING, Any, Dict, List, Mapping, Optional, Sequence, Union, cast
 
 from . import _core
 
 if TYPE_CHECKING:
+    from ._results import QueryLine, ServedScene
     from ._types import PathLike
 
 
@@ -31,14 +32,13 @@ class Client:
         self._timeout = timeout
         self._patience = patience
 
-    def scenes(self) -> List[Dict[str, Any]]:
+    def scenes(self) -> List[ServedScene]:
         """What the server says of each of its scenes: its name, how many references it has."""
-        scenes: List[Dict[str, Any]] = self._ask("/v1/scenes")["scenes"]
-        return scenes
+        return cast("List[ServedScene]", self._ask("/v1/scenes")["scenes"])
 
     def localize(self, image: Union[PathLike, bytes], *, name: Optional[str] = None,
                  camera: Union[str, _core.Camera, None] = None, priors: Union[str, Sequence[str], None] = None,
-                 scene: Optional[str] = None, session: Optional[Mapping[str, Any]] = None) -> Dict[str, Any]:
+                 scene: Optional[str] = None, session: Optional[Mapping[str, object]] = None) -> QueryLine:
         """A photograph's line of queries.jsonl, as a dict: verdict, confidence, cam_from_world, counts.
 
         image: the photograph's file, or its bytes. name: its own by default. camera: "MODEL width
@@ -65,7 +65,8 @@ class Client:
         path = "/v1/localize"
         if scene is not None:
             path += "?scene=" + urllib.parse.quote(os.fspath(scene), safe="")
-        return self._ask(path, body, {"Content-Type": f"multipart/form-data; boundary={boundary}"})
+        form = {"Content-Type": f"multipart/form-data; boundary={boundary}"}
+        return cast("QueryLine", self._ask(path, body, form))
 
     def _ask(self, path: str, body: Optional[bytes] = None, headers: Optional[Dict[str, str]] = None) -> Dict[str, Any]:
         request = urllib.request.Request(self._url + path, data=body, headers={**self._headers, **(headers or {})})

@@ -7,11 +7,12 @@ import json
 import os
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, Sequence, Union
+from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, Sequence, Union, cast
 
 from . import _core
 
 if TYPE_CHECKING:
+    from ._results import Comparison, Diagnosis, Evaluation, LocalizationTable, LocalizeSummary, RenderSummary
     from ._types import PathLike, PoseLike, Progress
 
 Poses = Union["PathLike", Mapping[str, Union["PoseLike", _core.LocalizedQuery]]]
@@ -67,7 +68,7 @@ def _json(file: PathLike) -> Any:
 
 
 def evaluate(poses: Union[Poses, Sequence[Poses]], ground_truth: Optional[Poses] = None,
-             **options: Any) -> Any:
+             **options: Any) -> Evaluation:
     """`raylift evaluate`: recalls and median errors of poses against the truth.
 
     poses, ground_truth: files, or dicts of poses (cam_from_world) or LocalizedQuery by name; of poses
@@ -87,11 +88,11 @@ def evaluate(poses: Union[Poses, Sequence[Poses]], ground_truth: Optional[Poses]
             options["ground_truth"] = _pose_file(ground_truth, folder, "ground_truth.txt")
         table = options.pop("json", Path(folder) / "table.json")
         run("evaluate", poses=files, json=table, **options)
-        return _json(table) if Path(table).exists() else None
+        return cast("Evaluation", _json(table))
 
 
 def compare(model: PathLike, geometry: Union[Mapping[str, str], Sequence[str]],
-            out: Optional[PathLike] = None, **options: Any) -> Dict[str, Any]:
+            out: Optional[PathLike] = None, **options: Any) -> Comparison:
     """`raylift compare`: which source of geometry is best, where, and what is wrong with the others.
 
     geometry: specifications ("depth:maps") by the names that tables call them by, or a list of them.
@@ -112,7 +113,7 @@ def compare(model: PathLike, geometry: Union[Mapping[str, str], Sequence[str]],
                 "localization": _json(localization) if localization.exists() else None}
 
 
-def doctor(model: PathLike, geometry: str, **options: Any) -> Dict[str, Any]:
+def doctor(model: PathLike, geometry: str, **options: Any) -> Diagnosis:
     """`raylift doctor`: whether depth, mesh and poses are read as they were meant.
 
     options: images, or features, matches and pairs, queries, ... as of `raylift doctor --help`.
@@ -122,11 +123,10 @@ def doctor(model: PathLike, geometry: str, **options: Any) -> Dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         file = options.pop("json", Path(folder) / "diagnosis.json")
         run("doctor", model=model, geometry=geometry, json=file, **options)
-        diagnosis: Dict[str, Any] = _json(file)
-        return diagnosis
+        return cast("Diagnosis", _json(file))
 
 
-def render_dataset(geometry: Union[str, Sequence[str]], out: PathLike, **options: Any) -> Dict[str, Any]:
+def render_dataset(geometry: Union[str, Sequence[str]], out: PathLike, **options: Any) -> RenderSummary:
     """`raylift render`: depth maps and other pictures of a mesh for every image of a data set.
 
     geometry: "mesh:PATH" or a list. options: model or cameras, products, format, scale, resume, shard,
@@ -138,8 +138,7 @@ def render_dataset(geometry: Union[str, Sequence[str]], out: PathLike, **options
     if isinstance(products, (list, tuple)):
         options["products"] = ",".join(products)
     run("render", geometry=geometry, out=out, **options)
-    summary: Dict[str, Any] = _json(Path(out) / "summary.json")
-    return summary
+    return cast("RenderSummary", _json(Path(out) / "summary.json"))
 
 
 def color(mesh: PathLike, out: PathLike, **options: Any) -> _core.Mesh:
@@ -182,7 +181,7 @@ def experiment(file: PathLike, out: PathLike, *, set: Optional[Mapping[str, str]
         return list(csv.DictReader(results))
 
 
-def localize(out: PathLike, **options: Any) -> Dict[str, Any]:
+def localize(out: PathLike, **options: Any) -> LocalizeSummary:
     """`raylift localize`: poses of query photographs in a known scene, to files.
 
     options: model (or scene), geometry, queries (or leave_one_out=True), images, ... as of
@@ -192,8 +191,7 @@ def localize(out: PathLike, **options: Any) -> Dict[str, Any]:
     Returns the summary that it writes beside poses.txt and queries.jsonl.
     """
     run("localize", out=out, **options)
-    summary: Dict[str, Any] = _json(Path(out) / "summary.json")
-    return summary
+    return cast("LocalizeSummary", _json(Path(out) / "summary.json"))
 
 
 def export(form: str, poses: Poses, out: PathLike, **options: Any) -> Path:

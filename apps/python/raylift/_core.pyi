@@ -6,6 +6,7 @@ from __future__ import annotations
 import collections.abc
 import numpy
 import numpy.typing
+import raylift._results
 import raylift._types
 import typing
 import typing_extensions
@@ -32,7 +33,7 @@ class Camera:
         """
         From anything that an argument `camera` may be.
         """
-    def __eq__(self, other: typing.Any) -> bool:
+    def __eq__(self, other: object) -> bool:
         ...
     def __getstate__(self) -> tuple[typing.Any, ...]:
         ...
@@ -108,7 +109,7 @@ class Rigid3:
         """
         The matrix, 4 x 4.
         """
-    def __eq__(self, other: typing.Any) -> bool:
+    def __eq__(self, other: object) -> bool:
         """
         Equal in every number; poses that are computed differ by rounding.
         """
@@ -181,7 +182,7 @@ class Query:
 
     It unpacks as the pair (name, camera), which serves wherever one is an argument.
     """
-    def __eq__(self, other: typing.Any) -> bool:
+    def __eq__(self, other: object) -> bool:
         """
         With another Query, or a pair.
         """
@@ -232,7 +233,7 @@ class PosedImage:
     Wherever one is an argument, a pair (camera, cam_from_world) and
     pycolmap's images serve, too.
     """
-    def __eq__(self, other: typing.Any) -> bool:
+    def __eq__(self, other: object) -> bool:
         """
         Equal in all that is kept when pickled.
         """
@@ -267,7 +268,7 @@ class PoseProblem:
         """
         Raises InputError with the JSON path of what is wrong.
         """
-    def __eq__(self, other: typing.Any) -> bool:
+    def __eq__(self, other: object) -> bool:
         """
         Equal in all that is kept when pickled.
         """
@@ -350,7 +351,7 @@ class PoseEstimate:
     __hash__: typing.ClassVar[None]  # type: ignore[assignment]
     def __bool__(self) -> bool:
         ...
-    def __eq__(self, other: typing.Any) -> bool:
+    def __eq__(self, other: object) -> bool:
         """
         Equal in all that is kept when pickled.
         """
@@ -410,7 +411,7 @@ class PoseEstimate:
         Of RANSAC.
         """
     @property
-    def noise(self) -> typing.Any:
+    def noise(self) -> raylift._results.Noise | None:
         """
         What Adaptive found the matches to be worth (standard deviations), or None.
         """
@@ -466,14 +467,14 @@ class Mesh:
     """
     __hash__: typing.ClassVar[None]  # type: ignore[assignment]
     @staticmethod
-    def read(files: typing.Any, *, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> Mesh:
+    def read(files: raylift._types.PathLike | collections.abc.Sequence[raylift._types.PathLike], *, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> Mesh:
         """
         Reads PLY, OBJ, glTF, STL, ...: a file, "a.ply+b.obj", "tiles/*.ply", a folder, or
         "mesh:PATH[,key=value...]" as the option --geometry takes it.
 
         Raises InputError where a file cannot be read.
         """
-    def __eq__(self, other: typing.Any) -> bool:
+    def __eq__(self, other: object) -> bool:
         """
         Equal in all that is kept when pickled.
         """
@@ -548,7 +549,7 @@ class RayCaster:
         """
         A picture of the mesh from outside.
         """
-    def cast(self, origins: numpy.typing.ArrayLike, directions: numpy.typing.ArrayLike, *, t_near: typing.SupportsFloat | typing.SupportsIndex = 0.0, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> dict[str, typing.Any]:
+    def cast(self, origins: numpy.typing.ArrayLike, directions: numpy.typing.ArrayLike, *, t_near: typing.SupportsFloat | typing.SupportsIndex = 0.0, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> raylift._results.RayHits:
         """
         The nearest hits of rays from origins (N, 3), or one (1, 3) for all, along directions
         (N, 3) of any length.
@@ -561,7 +562,7 @@ class RayCaster:
         """
         Whether anything lies on each ray (N,), bool.
         """
-    def render(self, camera: raylift._types.CameraLike, pose: raylift._types.PoseLike, products: collections.abc.Sequence[str] = ['depth'], *, threads: typing.SupportsInt | typing.SupportsIndex = 0, **kwargs: typing_extensions.Unpack[raylift._types.RenderOptions]) -> dict[str, typing.Any]:
+    def render(self, camera: raylift._types.CameraLike, pose: raylift._types.PoseLike, products: collections.abc.Sequence[str] = ['depth'], *, threads: typing.SupportsInt | typing.SupportsIndex = 0, **kwargs: typing_extensions.Unpack[raylift._types.RenderOptions]) -> raylift._results.Pictures:
         """
         What a camera sees from a pose (cam_from_world), a dict of arrays by product:
 
@@ -580,7 +581,7 @@ class RayCaster:
         "unlit", "headlight", "sun"), supersampling=1, background=(0, 0, 0). The arrays are the
         renderer's own memory. The same bytes for any number of threads (0: all).
         """
-    def render_many(self, cameras: typing.Any, poses: collections.abc.Sequence[raylift._types.PoseLike], products: collections.abc.Sequence[str] = ['depth'], *, threads: typing.SupportsInt | typing.SupportsIndex = 0, progress: raylift._types.Progress | None = None, **kwargs: typing_extensions.Unpack[raylift._types.RenderOptions]) -> list[typing.Any]:
+    def render_many(self, cameras: raylift._types.CameraLike | collections.abc.Sequence[raylift._types.CameraLike], poses: collections.abc.Sequence[raylift._types.PoseLike], products: collections.abc.Sequence[str] = ['depth'], *, threads: typing.SupportsInt | typing.SupportsIndex = 0, progress: raylift._types.Progress | None = None, **kwargs: typing_extensions.Unpack[raylift._types.RenderOptions]) -> list[raylift._results.Pictures]:
         """
         A list with the pictures of each pose, as of render(). `cameras` is one camera, or a list
         of as many as there are poses.
@@ -591,7 +592,7 @@ class RayCaster:
         "inside" it at eye height, or "cover" its surfaces; up: direction (3,) in the world, by
         default the one that its surfaces tell. Fewer than `count` where there is no more room.
         """
-    def score_views(self, camera: raylift._types.CameraLike, poses: collections.abc.Sequence[raylift._types.PoseLike], *, mask: numpy.typing.ArrayLike | None = None, depth: numpy.typing.ArrayLike | None = None, edges: numpy.typing.ArrayLike | None = None, depth_tolerance: typing.SupportsFloat | typing.SupportsIndex = 0.05, threads: typing.SupportsInt | typing.SupportsIndex = 0, progress: raylift._types.Progress | None = None) -> dict[str, typing.Any]:
+    def score_views(self, camera: raylift._types.CameraLike, poses: collections.abc.Sequence[raylift._types.PoseLike], *, mask: numpy.typing.ArrayLike | None = None, depth: numpy.typing.ArrayLike | None = None, edges: numpy.typing.ArrayLike | None = None, depth_tolerance: typing.SupportsFloat | typing.SupportsIndex = 0.05, threads: typing.SupportsInt | typing.SupportsIndex = 0, progress: raylift._types.Progress | None = None) -> raylift._results.ViewScores:
         """
         How well many views fit what is known of a photograph, without keeping their pictures: a
         dict of (N,) arrays, one for each that is given, the larger the better.
@@ -618,7 +619,7 @@ class Geometry:
         """
     def __repr__(self) -> str:
         ...
-    def lift(self, reference: raylift._types.PosedImageLike, pixels: numpy.typing.ArrayLike) -> dict[str, typing.Any]:
+    def lift(self, reference: raylift._types.PosedImageLike, pixels: numpy.typing.ArrayLike) -> raylift._results.LiftedPixels:
         """
         The surface points that pixels (N, 2) of a reference show. A dict: points and normals (N, 3) in
         the world (unit, toward the camera), NaN where there is no surface; and (N,) each: depth along
@@ -649,13 +650,13 @@ class DepthMaps(Geometry):
         Keywords: kind="z" (or "ray", "inverse"), scale=1, max_depth, interpolation="edge"
         (or "nearest"), max_jump=0.05.
         """
-    def __init__(self, folder: raylift._types.PathLike, references: collections.abc.Sequence[raylift._types.PosedImageLike], **kwargs: typing.Any) -> None:
+    def __init__(self, folder: raylift._types.PathLike, references: collections.abc.Sequence[raylift._types.PosedImageLike], **kwargs: raylift._types.SpecValue) -> None:
         """
         Finds the references' maps in a folder or file. Keywords are the keys of --geometry depth:...
         (preset, kind, unit, scale, pattern, ...; `raylift localize --help` lists them). Raises
         InputError where there is no map.
         """
-    def load(self, reference: raylift._types.PosedImageLike) -> typing.Any:
+    def load(self, reference: raylift._types.PosedImageLike) -> numpy.typing.NDArray[numpy.float32] | None:
         """
         The map of a reference (height, width), float32, z in scene units, 0: no surface; or None.
         It is the library's own memory, which cannot be written to.
@@ -664,7 +665,7 @@ class SfmPoints(Geometry):
     """
     The points of a COLMAP model, lifted by its own keypoints.
     """
-    def __init__(self, model: raylift._types.PathLike, references: collections.abc.Sequence[raylift._types.PosedImageLike] = [], **kwargs: typing.Any) -> None:
+    def __init__(self, model: raylift._types.PathLike, references: collections.abc.Sequence[raylift._types.PosedImageLike] = [], **kwargs: raylift._types.SpecValue) -> None:
         """
         Keywords are the keys of --geometry sfm:... (radius, min_track, ...).
         """
@@ -678,7 +679,7 @@ class Lifter:
         asked in order. geometry_mode: of lift_matches(), the point of the "first" that has one,
         or those of "all".
         """
-    def lift(self, reference: raylift._types.PosedImageLike, pixels: numpy.typing.ArrayLike) -> dict[str, typing.Any]:
+    def lift(self, reference: raylift._types.PosedImageLike, pixels: numpy.typing.ArrayLike) -> raylift._results.LiftedBySources:
         """
         The surface points that pixels (N, 2) of a reference show. A dict: points and normals (N, 3) in
         the world (unit, toward the camera), NaN where there is no surface; and (N,) each: depth along
@@ -740,7 +741,7 @@ class LocalizedQuery:
     __hash__: typing.ClassVar[None]  # type: ignore[assignment]
     def __bool__(self) -> bool:
         ...
-    def __eq__(self, other: typing.Any) -> bool:
+    def __eq__(self, other: object) -> bool:
         """
         Equal in all that is kept when pickled.
         """
@@ -763,7 +764,7 @@ class LocalizedQuery:
         The probability that the pose is right.
         """
     @property
-    def counts(self) -> dict[str, typing.Any]:
+    def counts(self) -> raylift._results.StageCounts:
         """
         What each stage found: references retrieved, 2D-2D matches, those lifted, points, inliers.
         """
@@ -826,12 +827,12 @@ class Localizer:
 
         Raises OptionError for an option out of range.
         """
-    def leave_one_out(self, *, threads: typing.SupportsInt | typing.SupportsIndex = 0, progress: raylift._types.Progress | None = None) -> dict[str, typing.Any]:
+    def leave_one_out(self, *, threads: typing.SupportsInt | typing.SupportsIndex = 0, progress: raylift._types.Progress | None = None) -> dict[str, LocalizedQuery]:
         """
         Each reference as a query of the others: what is to be expected where no query's pose
         is known. Returns a dict by name.
         """
-    def localize(self, query: typing.Any, camera: raylift._types.CameraLike | None = None, *, name: str = 'query', position_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike] | None = None, gravity_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike, typing.SupportsFloat | typing.SupportsIndex] | None = None, focal_sigma: typing.SupportsFloat | typing.SupportsIndex | None = None, focal_range: typing.SupportsFloat | typing.SupportsIndex = 1.0) -> LocalizedQuery:
+    def localize(self, query: raylift._types.PhotographLike, camera: raylift._types.CameraLike | None = None, *, name: str = 'query', position_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike] | None = None, gravity_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike, typing.SupportsFloat | typing.SupportsIndex] | None = None, focal_sigma: typing.SupportsFloat | typing.SupportsIndex | None = None, focal_range: typing.SupportsFloat | typing.SupportsIndex = 1.0) -> LocalizedQuery:
         """
         One query: a photograph, (H, W) or (H, W, 3) uint8, RGB, or its file; or features, a dict
         with keypoints (N, 2) and descriptors (N, D), as the references have. Priors and focal_...
@@ -840,7 +841,7 @@ class Localizer:
 
         Returns a LocalizedQuery. Raises InputError where a photograph is not of the camera's size.
         """
-    def localize_all(self, queries: collections.abc.Sequence[raylift._types.QueryLike], *, threads: typing.SupportsInt | typing.SupportsIndex = 0, progress: raylift._types.Progress | None = None) -> dict[str, typing.Any]:
+    def localize_all(self, queries: collections.abc.Sequence[raylift._types.QueryLike], *, threads: typing.SupportsInt | typing.SupportsIndex = 0, progress: raylift._types.Progress | None = None) -> dict[str, LocalizedQuery]:
         """
         Many queries, Query or (name, camera) each, whose photographs or matches are in files. Of
         photographs the results are those of localize(). Returns a dict by name.
@@ -942,7 +943,7 @@ class ColmapModel:
         track (K, 2): the image's id, and the index of its points2d, which then observes the
         point. Raises InputError where there is none, or it observes another point.
         """
-    def image(self, image_id: typing.SupportsInt | typing.SupportsIndex) -> dict[str, typing.Any]:
+    def image(self, image_id: typing.SupportsInt | typing.SupportsIndex) -> raylift._results.ModelImage:
         """
         An image as a dict: name, camera_id, cam_from_world, points2d (N, 2), point3d_ids (N,), -1:
         none.
@@ -966,7 +967,7 @@ class ColmapModel:
         In order.
         """
     @property
-    def points3d(self) -> dict[str, typing.Any]:
+    def points3d(self) -> raylift._results.ModelPoints:
         """
         A dict of arrays: ids (N,), positions (N, 3), colors (N, 3) uint8, errors_px (N,),
         track_lengths (N,); copies.
@@ -991,12 +992,12 @@ def estimate_all(problems: collections.abc.Sequence[PoseProblem], *, independent
 
     threads: 0 is all; the poses are the same for any number of them.
     """
-def extract_features(image: numpy.typing.ArrayLike, *, max_features: typing.SupportsInt | typing.SupportsIndex = 4096) -> dict[str, typing.Any]:
+def extract_features(image: numpy.typing.ArrayLike, *, max_features: typing.SupportsInt | typing.SupportsIndex = 4096) -> raylift._results.FoundFeatures:
     """
     RootSIFT features of a photograph, (H, W) or (H, W, 3) uint8: a dict with keypoints (N, 2),
     descriptors (N, 128) float32 of unit length, scores (N,).
     """
-def filter_points(problem: PoseProblem, filter: str = 'auto', *, method: str = 'adaptive', **kwargs: typing_extensions.Unpack[raylift._types.FilterThresholds]) -> tuple[typing.Any, ...]:
+def filter_points(problem: PoseProblem, filter: str = 'auto', *, method: str = 'adaptive', **kwargs: typing_extensions.Unpack[raylift._types.FilterThresholds]) -> tuple[PoseProblem, numpy.typing.NDArray[numpy.bool_], raylift._results.FilterCounts]:
     """
     Drops the 2D-3D matches of a PoseProblem that its references disagree on. filter: "off",
     "fixed" (with filter_reprojection_px=4, filter_min_views=3, filter_min_ratio=0.8) or
@@ -1021,7 +1022,7 @@ def read_image(file: raylift._types.PathLike) -> numpy.typing.NDArray[numpy.uint
     """
     A photograph (height, width, 3), uint8, RGB, without turning it by its tags.
     """
-def read_poses(file: raylift._types.PathLike) -> dict[str, typing.Any]:
+def read_poses(file: raylift._types.PathLike) -> dict[str, Rigid3]:
     """
     Lines `name qw qx qy qz tx ty tz`, world to camera: a dict of Rigid3 by name. Raises InputError
     naming the line.
@@ -1082,7 +1083,7 @@ def solve_up2p(rays: numpy.typing.ArrayLike, points3d: numpy.typing.ArrayLike, d
     UP2P: the poses (cam_from_world, up to 2) from two points (2, 3), the rays to them and the
     direction of gravity (3,) in both frames.
     """
-def write_depth(file: raylift._types.PathLike, depth: numpy.typing.ArrayLike, **kwargs: typing_extensions.Unpack[raylift._types.DepthWriteOptions]) -> dict[str, typing.Any]:
+def write_depth(file: raylift._types.PathLike, depth: numpy.typing.ArrayLike, **kwargs: typing_extensions.Unpack[raylift._types.DepthWriteOptions]) -> raylift._results.WrittenDepth:
     """
     Writes a depth map (height, width) in the format of the file's name: .exr, .png, .tiff,
     .npy, .npz, .bin (COLMAP), .pfm. Options as of `raylift render`: sample="float" (or

@@ -78,6 +78,11 @@ PoseLike = Union[
 PosedImageLike = Union["_core.PosedImage", Tuple[CameraLike, PoseLike], ColmapImage, PoseLibImage]
 QueryLike = Union["_core.Query", Tuple[str, CameraLike]]
 PathLike = Union[str, "os.PathLike[str]"]
+FeaturesLike = Mapping[str, object]
+"""Keypoints (N, 2) and descriptors (N, D)."""
+PhotographLike = Union[PathLike, numpy.typing.NDArray[numpy.uint8], FeaturesLike]
+SpecValue = Union[PathLike, float]
+"""What stands after key= in --geometry."""
 
 
 class Reconstruction(Protocol):

@@ -16,7 +16,8 @@ from . import _core
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from ._types import GeometryLike, PathLike, Progress
+    from ._results import GivenMatches
+    from ._types import GeometryLike, ModelLike, PathLike, Progress
 
 _ALL_PAIRS = 2**31 - 1
 
@@ -135,7 +136,7 @@ def localize(
 
 
 def matches_from(matches: Union[ArrayLike, Mapping[str, ArrayLike]], *, reference: str = "",
-                 first_pixel: float = 0.0, cell_px: Optional[float] = None) -> Dict[str, Any]:
+                 first_pixel: float = 0.0, cell_px: Optional[float] = None) -> GivenMatches:
     """Matches of any matcher (RoMa, MASt3R, LoFTR) as Localizer.localize_matches() takes them.
 
     matches: (N, 4), x and y in the query, then in the reference of the name `reference`; or a dict of
@@ -157,8 +158,7 @@ def matches_from(matches: Union[ArrayLike, Mapping[str, ArrayLike]], *, referenc
         rows.append(pairs.reshape(-1, 4) + (0.5 - first_pixel))
         names.extend([name] * len(rows[-1]))
     stacked = np.concatenate(rows) if rows else np.zeros((0, 4))
-    arguments: Dict[str, Any] = {"query2d": stacked[:, :2], "reference2d": stacked[:, 2:],
-                                 "reference_names": names}
+    arguments: GivenMatches = {"query2d": stacked[:, :2], "reference2d": stacked[:, 2:], "reference_names": names}
     if cell_px is not None:
         cells = np.floor(stacked[:, :2] / cell_px)
         arguments["query_keypoints"] = np.unique(cells, axis=0, return_inverse=True)[1].reshape(-1)

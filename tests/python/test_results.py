@@ -1,0 +1,124 @@
+"""What functions return is what their types say, and no type is left open."""
+
+import ast
+import json
+import os
+import typing
+from pathlib import Path
+
+import numpy as np
+
+import raylift
+from raylift import _results
+from synthetic import CAMERA, Problem
+
+SOURCE = Path(os.environ["RAYLIFT_SOURCE"])
+DEMO = SOURCE / "assets/demo"
+MESH = f"mesh:{DEMO / 'scene.obj'}"
+
+
+def faults(value, kind, path=""):
+    """Where a value is not of the type."""
+    origin, of = typing.get_origin(kind), typing.get_args(kind)
+    if typing.is_typeddict(kind):
+        if not isinstance(value, dict):
+            yield f"{path}: {value!r} is no {kind}"
+            return
+        kinds = typing.get_type_hints(kind)
+        for name in sorted(set(value) - set(kinds)):
+            yield f"{path}.{name} is in no type"
+        for name in sorted(kind.__required_keys__ - set(value)):
+            yield f"{path}.{name} is missing"
+        for name in set(value) & set(kinds):
+            yield from faults(value[name], kinds[name], f"{path}.{name}")
+    elif origin is np.ndarray:
+        [number] = typing.get_args(of[1])
+        if not isinstance(value, np.ndarray) or value.dtype != number:
+            yield f"{path}: {getattr(value, 'dtype', value)} is no {number}"
+    elif origin is typing.Union:
+        if all(any(faults(value, one)) for one in of):
+            yield f"{path}: {value!r} is none of {of}"
+    elif origin in (list, dict):
+        several = value.items() if origin is dict else enumerate(value)
+        if type(value) is not origin:
+            yield f"{path}: {value!r} is no {origin}"
+        for key, one in several if type(value) is origin else ():
+            yield from faults(one, of[-1], f"{path}[{key!r}]")
+    elif not isinstance(value, (int, float) if kind is float else kind):
+        yield f"{path}: {value!r} is no {kind}"
+
+
+def of_arrays(tmp_path):
+    problem, mesh = Problem(), raylift.Mesh.read(DEMO / "scene.obj")
+    model = raylift.ColmapModel.read(DEMO / "model")
+    matches = raylift.hloc.matches_from({"a": np.zeros((2, 4))}, cell_px=2)
+    caster, reference = raylift.RayCaster(mesh), model.posed_images[0]
+    names = [problem.references[i].name for i in problem.pairs["reference_index"]]
+    localized = raylift.Localizer(raylift.Scene.of(problem.references, [mesh])).localize_matches(
+        CAMERA, problem.pairs["query2d"], problem.pairs["reference2d"], names)
+    products = ["depth", "distance", "inverse_depth", "points", "normals", "color", "triangle", "object", "incidence",
+                "mask"]
+    view = caster.render(reference.camera, reference.cam_from_world, products)
+    assert sorted(view) == sorted(products) == sorted(_results.Pictures.__annotations__)
+    yield view, _results.Pictures
+    yield caster.score_views(reference.camera, [reference.cam_from_world], mask=view["mask"] > 0,
+                             depth=view["depth"], edges=view["depth"]), _results.ViewScores
+    yield caster.cast([[0, 0, 1]], [[1, 0, 0]]), _results.RayHits
+    yield raylift.Geometry(mesh).lift(reference, [[3, 3]]), _results.LiftedPixels
+    yield raylift.Lifter(mesh).lift(reference, [[3, 3]]), _results.LiftedBySources
+    yield model.image(model.image_ids[0]), _results.ModelImage
+    yield model.points3d, _results.ModelPoints
+    yield raylift.extract_features(view["color"]), _results.FoundFeatures
+    yield raylift.write_depth(tmp_path / "depth.exr", view["depth"]), _results.WrittenDepth
+    yield raylift.filter_points(localized.problem, "fixed")[2], _results.FilterCounts
+    yield localized.counts, _results.StageCounts
+    yield localized.estimate.noise, _results.Noise
+    yield matches, _results.GivenMatches
+
+
+def test_results_of_arrays(tmp_path):
+    for value, kind in of_arrays(tmp_path):
+        assert list(faults(value, kind)) == [], kind
+
+
+def of_commands(tmp_path):
+    queries, truth = tmp_path / "queries.txt", tmp_path / "truth.txt"
+    photographs = raylift.ColmapModel.read(DEMO / "ground_truth").posed_images[:2]
+    raylift.write_queries(queries, [(one.name, one.camera) for one in photographs])
+    raylift.write_poses(truth, {one.name: one.cam_from_world for one in photographs})
+    few = {"max_features": 500, "queries": queries}
+    for i, options in enumerate([{"method": "p3p"}, {"rerender": 1}]):
+        summary = raylift.localize(tmp_path / str(i), scene=DEMO / "scene.toml", **few, **options)
+        yield summary, _results.LocalizeSummary
+        for line in (tmp_path / str(i) / "queries.jsonl").read_text().splitlines():
+            yield json.loads(line), _results.QueryLine
+    yield raylift.evaluate([tmp_path / "0/poses.txt", tmp_path / "1/poses.txt"], scene=DEMO / "scene.toml",
+                           calibration=True), _results.Evaluation
+    for geometry in MESH, MESH + ",axes=x/z/-y":
+        yield raylift.doctor(DEMO / "model", geometry, images=DEMO / "images", max_features=500), _results.Diagnosis
+    yield raylift.render_dataset(MESH, tmp_path / "views", model=DEMO / "model", scale=0.1,
+                                 products="depth,color"), _results.RenderSummary
+    yield raylift.compare(
+        DEMO / "model", {"mesh": MESH, "far": MESH + ",scale=1.1"}, truth="mesh", max_side=80,
+        images=DEMO / "images", ground_truth=truth, methods="p3p", report=tmp_path / "report",
+        **few), _results.Comparison
+
+
+def test_results_of_commands(tmp_path):
+    for value, kind in of_commands(tmp_path):
+        assert list(faults(value, kind)) == [], kind
+
+
+def returns_in(node, owner=""):
+    for one in ast.iter_child_nodes(node):
+        if isinstance(one, ast.ClassDef):
+            yield from returns_in(one, one.name + ".")
+        elif isinstance(one, ast.FunctionDef) and not one.name.startswith("_"):
+            yield owner + one.name, ast.unparse(one.returns) if one.returns else "nothing"
+
+
+def test_no_type_of_a_result_is_left_open():
+    package = Path(raylift.__file__).parent
+    for file in {*package.glob("*.py"), package / "_core.pyi"} - {package / "_types.py"}:  # others' classes
+        found = dict(returns_in(ast.parse(file.read_text(encoding="utf-8"))))
+        assert {name: kind for name, kind in found.items() if "Any" in kind or kind in ("dict", "nothing")} == {}
