@@ -4,6 +4,7 @@ import copy
 import inspect
 import os
 import pickle
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -39,6 +40,21 @@ def test_each_name_is_tested():
         missing += [f"{one.__name__}.{member}" for member in vars(one)
                     if not member.startswith("_") and member not in tests]
     assert missing == []
+
+
+def test_an_index_shows_the_readme_without_dead_links():
+    sys.path.insert(0, str(PYTHON))
+    from long_description import for_an_index
+    readme = (SOURCE / "README.md").read_text(encoding="utf-8")
+    relative = r"\]\((?!https?://)"
+    assert len(re.findall(relative, readme)) > 10
+    citation = 'repository-code: "https://example.org/raylift"\nversion: 1.2.3\n'
+    shown = for_an_index(readme, citation)
+    assert "](https://example.org/raylift/raw/v1.2.3/assets/localized_query.jpg)" in shown
+    assert "](https://example.org/raylift/blob/v1.2.3/assets/docs/pages/localize.md#walks)" in shown
+    for text in shown, for_an_index(readme, "version: 1.2.3\n"):
+        assert not re.search(relative, text) and "Localization](https://arxiv.org" in text
+    assert "![" not in text and "A query of the demo scene" not in text and "## Two commands" in text
 
 
 def test_no_other_library_is_imported():
