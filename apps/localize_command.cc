@@ -21,7 +21,6 @@
 #include "base/hash.h"
 #include "base/progress.h"
 #include "jobs/file_promises.h"
-#include "jobs/manifest_file.h"
 #include "lifting/mesh_spec.h"
 #include "localization/continuous/continuous_localizer.h"
 #include "localization/results/query_job.h"
@@ -91,25 +90,6 @@ ContinuousRecords LocalizeInOrder(const LocalizeFlags& flags, LocalizeAll& local
   return records;
 }
 
-// A folder holds a run with --continuous or one without it: throws OptionError, unless --overwrite
-// removes the other.
-void RefuseOtherMode(const LocalizeFlags& flags) {
-  const std::filesystem::path checkpoint = flags.out / "continuous";
-  const std::vector<std::filesystem::path> manifests = ListManifests(flags.out);
-  const bool continuous = flags.continuous.enabled;
-  std::error_code ignored;
-  const bool other_is_there =
-      continuous ? !manifests.empty() : std::filesystem::exists(checkpoint, ignored);
-  if (!other_is_there) return;
-  if (!flags.running.overwrite) {
-    throw OptionError("--out", flags.out.string(),
-                      fmt::format("holds a former run {} --continuous; --overwrite removes it",
-                                  continuous ? "without" : "with"));
-  }
-  std::filesystem::remove_all(checkpoint, ignored);
-  for (const auto& manifest : manifests) std::filesystem::remove(manifest, ignored);
-}
-
 struct ContinuousInputs {
   const Scene& scene;
   std::span<const Query> queries;
@@ -166,8 +146,7 @@ class LocalizeRun {
   LocalizeRun(const LocalizeFlags& flags, LocalizeAllOptions options,
               const std::string& options_json)
       : flags_(flags), options_(std::move(options)), options_json_(options_json) {
-    RefuseOtherMode(flags);
-    RefuseFormerRun(flags.running.In(flags.out), QueryJobForm());
+    RefuseFormerResults(flags);
     UntilSignal([this] {
       LocalizeInputs inputs = OpenLocalizeInputs(flags_);
       scene_ = std::move(inputs.scene);

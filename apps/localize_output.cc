@@ -1,11 +1,16 @@
 #include "apps/localize_output.h"
 
+#include <filesystem>
 #include <optional>
+#include <system_error>
 
+#include "jobs/manifest_file.h"
 #include "lifting/alignment_text.h"
 #include "localization/results/exports.h"
+#include "localization/results/query_job.h"
 #include <fmt/format.h>
 
+#include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/pose_problem_json.h"
@@ -21,7 +26,29 @@ path FileOfQuery(const path& folder, const std::string& query, const char* exten
   return PathBelow(folder, query) += extension;
 }
 
+void RefuseOtherMode(const LocalizeFlags& flags) {
+  const path checkpoint = flags.out / "continuous";
+  const std::vector<path> manifests = ListManifests(flags.out);
+  const bool continuous = flags.continuous.enabled;
+  std::error_code ignored;
+  const bool other_is_there =
+      continuous ? !manifests.empty() : std::filesystem::exists(checkpoint, ignored);
+  if (!other_is_there) return;
+  if (!flags.running.overwrite) {
+    throw OptionError("--out", flags.out.string(),
+                      fmt::format("holds a former run {} --continuous; --overwrite removes it",
+                                  continuous ? "without" : "with"));
+  }
+  std::filesystem::remove_all(checkpoint, ignored);
+  for (const path& manifest : manifests) std::filesystem::remove(manifest, ignored);
+}
+
 }  // namespace
+
+void RefuseFormerResults(const LocalizeFlags& flags) {
+  RefuseOtherMode(flags);
+  RefuseFormerRun(flags.running.In(flags.out), QueryJobForm());
+}
 
 LocalizeOutput::LocalizeOutput(const LocalizeFlags& flags, size_t num_queries,
                                std::shared_ptr<const RayCaster> mesh)

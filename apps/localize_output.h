@@ -37,6 +37,10 @@ class LapClock {
   Clock::time_point begin_ = Clock::now();
 };
 
+// Throws OptionError where the folder holds a former run and no option says what is to become of it.
+// Of runs with --continuous and those without it, --overwrite removes the other at once.
+void RefuseFormerResults(const LocalizeFlags& flags);
+
 class LocalizeOutput {
  public:
   // InputError where something cannot be written, before any work. `mesh` is for pictures, and may

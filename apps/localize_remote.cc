@@ -2,11 +2,15 @@
 
 #include <algorithm>
 #include <string>
+#include <system_error>
 #include <vector>
 
 #include "apps/interrupt.h"
+#include "apps/localize_output.h"
 #include "apps/options.h"
 #include "base/progress.h"
+#include "jobs/manifest_file.h"
+#include "localization/results/query_job.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -38,10 +42,7 @@ void Check(const LocalizeFlags& localize) {
   refuse("--rerender", localize.mesh_only.rerender > 0);
   refuse("--resume", localize.running.resume);
   refuse("--shard", !localize.running.Resolve().IsAll());
-  const std::filesystem::path lines = localize.out / "queries.jsonl";
-  if (std::filesystem::exists(lines) && !localize.running.overwrite) {
-    throw OptionError("--out", localize.out.string(), "holds a former run; --overwrite removes it");
-  }
+  RefuseFormerResults(localize);
 }
 
 // Returns the line of queries.jsonl, as a local run has it. Throws InputError for anything else.
@@ -58,6 +59,15 @@ std::string LineOf(std::string answer, const Query& query) {
   // Where the server knows its scene's place on the earth, this is the last member.
   if (json.contains("geopose")) answer = answer.substr(0, answer.rfind(",\"geopose\":")) + '}';
   return answer;
+}
+
+// What a run of this machine leaves in its folder, too.
+void RemoveFormerResults(const std::filesystem::path& out) {
+  RemoveFormerRun(out, QueryJobForm());
+  std::error_code ignored;
+  for (const char* name : {"options.json", "scene_calibration.json", "timing.jsonl"}) {
+    std::filesystem::remove(out / name, ignored);
+  }
 }
 
 std::string ReadToken(const std::filesystem::path& file) {
@@ -111,6 +121,8 @@ void LocalizeRemotely(const RemoteFlags& flags, const LocalizeFlags& localize) {
       },
       &BeginsAnew);
   std::filesystem::create_directories(localize.out);
+  const FolderLock lock(localize.out, FolderLock::Mode::kExclusive);
+  RemoveFormerResults(localize.out);
   WriteQueryDiagnostics(localize.out / "queries.jsonl", lines);
   const std::vector<LocalizedQuery> localized =
       ReadQueryDiagnostics(localize.out / "queries.jsonl");

@@ -47,6 +47,16 @@ void RefuseFormerRun(const JobFolder& folder, const JobForm& form) {
   if (std::filesystem::exists(results, ignored)) FailByFormerRun(results);
 }
 
+void RemoveFormerRun(const path& out, const JobForm& form, const std::string& kept) {
+  std::error_code ignored;
+  for (const path& manifest : ListManifests(out)) {
+    const bool is_kept = !kept.empty() && ReadManifestText(manifest).header == kept;
+    if (!is_kept) std::filesystem::remove(manifest, ignored);
+  }
+  if (!ListManifests(out).empty()) return;
+  for (const std::string& name : form.results) std::filesystem::remove(out / name, ignored);
+}
+
 TaskJob::TaskJob(const std::vector<std::string>& names, const std::string& header, JobFolder folder,
                  JobForm form)
     : folder_(std::move(folder)),
@@ -143,20 +153,6 @@ void TaskJob::RequireFiles() const {
                                 faults, files.size(), named, faults > kNamed ? "; ..." : ""));
 }
 
-// Other shards of the same run may be at work.
-void TaskJob::RemoveFormerRun() const {
-  std::error_code ignored;
-  for (const path& manifest : ListManifests(folder_.out)) {
-    const bool same =
-        !folder_.shard.IsAll() && ReadManifestText(manifest).header == manifest_.header;
-    if (!same) std::filesystem::remove(manifest, ignored);
-  }
-  if (!ListManifests(folder_.out).empty()) return;
-  for (const std::string& name : form_.results) {
-    std::filesystem::remove(folder_.out / name, ignored);
-  }
-}
-
 // Leaves out the manifests of other runs that this one does not go on from, and those that another
 // shard, which is the last one to end, is just removing.
 TaskManifest TaskJob::ReadAll(const std::string& header) const {
@@ -170,7 +166,10 @@ TaskManifest TaskJob::ReadAll(const std::string& header) const {
 
 void TaskJob::Begin(const std::optional<std::string>& facts) {
   RefuseIfAppended(file_);
-  if (folder_.overwrite) RemoveFormerRun();
+  if (folder_.overwrite) {
+    // Other shards of the same run may be at work.
+    RemoveFormerRun(folder_.out, form_, folder_.shard.IsAll() ? std::string() : manifest_.header);
+  }
   RemoveLeftTemporaries(folder_.out);
   manifest_.facts = facts;
   manifest_.instructions.insert(std::string(VectorInstructions()));

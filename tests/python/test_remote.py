@@ -101,6 +101,17 @@ def test_a_busy_server_is_asked_again(tmp_path):
     assert done.stderr == f"raylift: {name}: the server refuses it: 400 Bad Request\n"
 
 
-def test_a_former_run_is_kept(run, server):
+def test_a_former_run_is_kept_unless_it_is_to_be_overwritten(run, server, tmp_path):
     done = localize(run, "--server", server.url)
     assert done.returncode == 2 and "--overwrite" in done.stderr
+    token, out = tmp_path / "token", tmp_path / "out"
+    token.write_text("secret")
+    shutil.copytree(run, out)
+    (out / "continuous").mkdir()  # of a run with --continuous
+    list_of_one = tmp_path / "queries.txt"
+    list_of_one.write_text((DEMO / "queries.txt").read_text().splitlines()[0] + "\n")
+    done = localize(out, "--server", server.url, "--token-file", token, "--overwrite", "--queries", list_of_one)
+    assert done.returncode == 0, done.stderr
+    # The cache is none of the results, and the page is another folder's.
+    assert sorted(path.name for path in out.iterdir()) == ["cache", "poses.txt", "queries.jsonl"]
+    assert (out / "queries.jsonl").read_text() == (run / "queries.jsonl").read_text().splitlines(True)[0]

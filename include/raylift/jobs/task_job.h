@@ -77,6 +77,11 @@ struct JobForm {
 // (shards work side by side), and the options do not say what is to become of it.
 void RefuseFormerRun(const JobFolder& folder, const JobForm& form);
 
+// Removes a former run's manifests and results; while there are manifests with the header `kept`,
+// which is no run's where it is empty, neither these nor the results.
+void RemoveFormerRun(const std::filesystem::path& out, const JobForm& form,
+                     const std::string& kept = {});
+
 class TaskJob {
  public:
   // `names` are distinct; `header` is JSON of all that the results depend on. OptionError as above;
@@ -118,7 +123,6 @@ class TaskJob {
   std::vector<size_t> WithoutFiles(const TaskManifest& manifest, FileCheck check) const;
   void RequireFiles() const;
   std::optional<TaskManifest> WholeOfShards() const;
-  void RemoveFormerRun() const;
   TaskManifest ReadAll(const std::string& header) const;
 
   JobFolder folder_;
