@@ -7,7 +7,7 @@ this one process on the same cores:
 - requests a second and percentiles of their times for 1, 2, 8 and 64 clients that send photographs one after the other;
 - at twice the rate that 64 clients get, each request on a connection of its own: how long what is accepted takes
   beside that, how many are refused by 429, and that nothing else fails;
-- the server's CPU time for each answer beside that of `localize` for each query.
+- the server's CPU time for each answer beside that of `localize` for each query, in pairs.
 
 N (15) seconds are measured of each; further options (--max-features 1000) are those of `serve` and `localize`. Ratios
 are of one run; "no" beside one says that it is not what it should be.
@@ -20,6 +20,8 @@ import json
 import os
 import pathlib
 import resource
+import shutil
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -29,7 +31,7 @@ import time
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 CLIENTS = (1, 2, 8, 64)
 MOST_P99_RATIO, MOST_CPU_RATIO = 2.0, 1.1
-ROUNDS = 5  # of all queries, for CPU times
+ROUNDS = 7  # of all queries, for CPU times
 
 
 # ---- scenes ----
@@ -185,41 +187,62 @@ def open_loop(server, requests, rate, seconds):
 
 # ---- the command line ----
 
-def serve_cpu_ms(server, requests):
-    """Of an answer to two clients that ask for all photographs a few times."""
+def serve_cpu_s(server, requests):
+    """Of the answers to two clients that share them."""
+    left = list(requests)  # lists can be popped by several threads
+
     def client():
         connection = server.connect()
-        for request in requests * ROUNDS:
-            ask(connection, request)
-        connection.close()
+        while True:
+            try:
+                ask(connection, left.pop())
+            except IndexError:
+                return connection.close()
 
     cpu, threads = server.cpu_seconds(), [threading.Thread(target=client) for _ in range(2)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    return 1e3 * (server.cpu_seconds() - cpu) / (2 * ROUNDS * len(requests))
+    return server.cpu_seconds() - cpu
 
 
-def localize_cpu_ms(raylift, scene, images, queries, calibration, cache, work, more):
-    """Of a query: what more of them cost, so that what a run costs by itself is not in it."""
-    cpu = []
-    for rounds in (1, 1 + ROUNDS):
-        folder = work / f"rounds{rounds}"
-        folder.mkdir()
-        lines = []
-        for i in range(rounds):
-            (folder / str(i)).symlink_to(images)
-            lines += [f"{i}/{name} {camera}" for name, camera in queries.items()]
-        (folder / "queries.txt").write_text("\n".join(lines) + "\n")
-        subprocess.run(["cp", "-r", cache, folder / "cache"], check=True)
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        subprocess.run([raylift, "localize", "--scene", scene, "--queries", folder / "queries.txt", "--query-images",
-                        folder, "--scene-calibration", calibration, "--cache", folder / "cache", "--no-doctor",
-                        "--quiet", "--out", folder / "out", *more], check=True)
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        cpu.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
-    return 1e3 * (cpu[1] - cpu[0]) / (ROUNDS * len(queries))
+def localize_cpu_s(raylift, scene, lines, images, calibration, cache, work, more):
+    """Of a run that extracts the features of its queries."""
+    for folder in ("cache", "out"):
+        shutil.rmtree(work / folder, ignore_errors=True)
+    shutil.copytree(cache, work / "cache")
+    (work / "queries.txt").write_text("".join(line + "\n" for line in lines))
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run([raylift, "localize", "--scene", scene, "--queries", work / "queries.txt", "--query-images", images,
+                    "--scene-calibration", calibration, "--cache", work / "cache", "--no-doctor", "--quiet", "--out",
+                    work / "out", *more], check=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def cpu_pairs_ms(server, raylift, scene, queries, images, calibration, cache, work, more):
+    """(of an answer, of localize's query) by rounds of the same photographs under the same names, which the draws go
+    by. A run of one query tells what a run costs by itself; that query is none of those that are compared."""
+    pairs = []
+    work.mkdir()
+    for i in range(ROUNDS):
+        (work / str(i)).symlink_to(images)
+        named = {f"{i}/{name}": camera for name, camera in queries.items()}
+        lines = [f"{name} {camera}" for name, camera in named.items()]
+        run = [localize_cpu_s(raylift, scene, some, work, calibration, cache, work, more)
+               for some in (lines[:1], lines)]
+        served = serve_cpu_s(server, [request_of(name, camera, work) for name, camera in list(named.items())[1:]])
+        pairs.append([1e3 * seconds / (len(queries) - 1) for seconds in (served, run[1] - run[0])])
+    return pairs
+
+
+def tell_cpu(pairs):
+    ratios = sorted(served / local for served, local in pairs)
+    served_ms, local_ms = (statistics.median(values) for values in zip(*pairs))
+    print(f"CPU of an answer {served_ms:.0f} ms, of localize's query {local_ms:.0f} ms, medians of {ROUNDS} rounds;"
+          f" ratio {judged(statistics.median(ratios), MOST_CPU_RATIO)}, from {ratios[0]:.2f} to {ratios[-1]:.2f}\n",
+          flush=True)
 
 
 def judged(ratio, most):
@@ -239,15 +262,13 @@ def measure(raylift, name, scene, images, queries, work, seconds, more):
             full_rate, full_p99 = row(f"{clients} clients", times, measured, cpu)
             if failed:
                 print(f"  beside them, by status: {dict(failed)}")
-        cpu_ms = serve_cpu_ms(server, requests)
+        pairs = cpu_pairs_ms(server, raylift, scene, queries, images, calibration, work / "cache", work / "cpu", more)
         accepted, refused, others, measured = open_loop(server, requests, 2 * full_rate, seconds)
         _, p99 = row("twice that: accepted", accepted, measured)
         row("twice that: refused (429)", refused, measured)
     print(f"p99 of what is accepted, beside 64 clients: {judged(p99 / full_p99, MOST_P99_RATIO)}")
     print(f"failed but by 429: {f'no: {dict(others)}' if others else 'none'}")
-    localize_ms = localize_cpu_ms(raylift, scene, images, queries, calibration, work / "cache", work, more)
-    print(f"CPU of an answer {cpu_ms:.0f} ms, of localize's query {localize_ms:.0f} ms:"
-          f" {judged(cpu_ms / localize_ms, MOST_CPU_RATIO)}\n", flush=True)
+    tell_cpu(pairs)
 
 
 def main():
