@@ -87,7 +87,7 @@ set(CPACK_DEBIAN_LIBRAYLIFT-DEV_PACKAGE_SECTION libdevel)
 # What core and estimation need must be there. The rest is much, and only who links more than those
 # needs it: apt installs it unless told not to.
 set(CPACK_DEBIAN_LIBRAYLIFT-DEV_PACKAGE_DEPENDS "libeigen3-dev, libfmt-dev, libtbb-dev")
-set(CPACK_DEBIAN_LIBRAYLIFT-DEV_PACKAGE_RECOMMENDS "libassimp-dev, libboost-dev, libceres-dev, libembree-dev, libhdf5-dev, libjpeg-dev, libopencv-dev, libopenexr-dev, libopenvdb-dev, libpng-dev, libproj-dev, libpugixml-dev, libsqlite3-dev, libssl-dev, libtiff-dev, libwebp-dev, libzip-dev, zlib1g-dev")
+set(CPACK_DEBIAN_LIBRAYLIFT-DEV_PACKAGE_RECOMMENDS "libassimp-dev, libboost-dev, libceres-dev, libdraco-dev, libembree-dev, libhdf5-dev, libjpeg-dev, libmeshoptimizer-dev, libopencv-dev, libopenexr-dev, libopenvdb-dev, libpng-dev, libproj-dev, libpugixml-dev, libsqlite3-dev, libssl-dev, libtiff-dev, libwebp-dev, libzip-dev, zlib1g-dev")
 if(BUILD_SHARED_LIBS)
   string(APPEND CPACK_DEBIAN_LIBRAYLIFT-DEV_PACKAGE_DEPENDS ", raylift (= ${PROJECT_VERSION})")
 endif()

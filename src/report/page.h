@@ -40,6 +40,4 @@ std::string JpegDataUri(const Image& image, int max_width_px);
 // "data:image/png;base64,..." of a picture with four channels, the last one opacity.
 std::string PngDataUri(const Image& image);
 
-std::string EncodeBase64(std::string_view bytes);
-
 }  // namespace raylift

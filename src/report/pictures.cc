@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstdint>
 
+#include "base/base64.h"
 #include "pictures/picture_codec.h"
 #include "report/page.h"
 #include <fmt/format.h>
@@ -119,23 +120,6 @@ std::string JpegDataUri(const Image& image, int max_width_px) {
 
 std::string PngDataUri(const Image& image) {
   return "data:image/png;base64," + EncodeBase64(EncodePng(image));
-}
-
-std::string EncodeBase64(std::string_view bytes) {
-  constexpr std::string_view kDigits =
-      "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  std::string text;
-  text.reserve((bytes.size() + 2) / 3 * 4);
-  for (size_t i = 0; i < bytes.size(); i += 3) {
-    uint32_t group = 0;
-    for (size_t k = 0; k < 3; ++k) {
-      group = group << 8 | (i + k < bytes.size() ? static_cast<uint8_t>(bytes[i + k]) : 0U);
-    }
-    for (size_t k = 0; k < 4; ++k) {
-      text += i + k <= bytes.size() ? kDigits[group >> (18 - 6 * k) & 63] : '=';
-    }
-  }
-  return text;
 }
 
 }  // namespace raylift

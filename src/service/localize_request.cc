@@ -6,6 +6,7 @@
 #include <sstream>
 #include <utility>
 
+#include "base/base64.h"
 #include "io/text/json_document.h"
 #include "localization/matching/pixel_matches.h"
 #include "pictures/exif.h"
@@ -326,36 +327,6 @@ BatchRequest ReadBatchRequest(std::string_view content_type, std::string_view bo
 
 LocalizeRequest ReadBatchEntry(const BatchRequest& batch, size_t index, uint64_t max_pixels) {
   return OfFormPicture(batch.photographs[index], batch.facts, max_pixels);
-}
-
-std::string DecodeBase64(std::string_view text) {
-  constexpr std::string_view kDigits =
-      "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  static const std::array<int8_t, 256> values = [&] {
-    std::array<int8_t, 256> table;
-    table.fill(-1);
-    for (size_t i = 0; i < kDigits.size(); ++i) {
-      table[static_cast<unsigned char>(kDigits[i])] = static_cast<int8_t>(i);
-    }
-    return table;
-  }();
-  for (int i = 0; i < 2 && text.ends_with('='); ++i) text.remove_suffix(1);
-  if (text.size() % 4 == 1) throw InputError("expected base64, found a text of another length");
-  std::string bytes;
-  bytes.reserve(text.size() / 4 * 3 + 2);
-  uint32_t bits = 0;
-  int num_bits = 0;
-  for (const char c : text) {
-    const int8_t value = values[static_cast<unsigned char>(c)];
-    if (value < 0) throw InputError("expected base64, found another character");
-    bits = bits << 6 | static_cast<uint32_t>(value);
-    num_bits += 6;
-    if (num_bits >= 8) {
-      num_bits -= 8;
-      bytes += static_cast<char>(bits >> num_bits & 0xFF);
-    }
-  }
-  return bytes;
 }
 
 }  // namespace raylift

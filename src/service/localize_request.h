@@ -105,7 +105,4 @@ auto InField(const std::string& field, const Function& read) {
 inline constexpr std::string_view kUnnamed = "photograph";
 bool IsName(const std::string& name);  // 1 to 1000 bytes
 
-// Returns the bytes that a text of base64 stands for. Throws InputError where it is none.
-std::string DecodeBase64(std::string_view text);
-
 }  // namespace raylift

@@ -1,5 +1,4 @@
 #include <array>
-#include <cmath>
 #include <functional>
 #include <map>
 #include <new>
@@ -34,16 +33,10 @@ Eigen::Affine3d ToEigen(const aiMatrix4x4& m) {
   return transform;
 }
 
-double SrgbFromLinear(double c) {
-  return c <= 0.0031308 ? 12.92 * c : 1.055 * std::pow(c, 1 / 2.4) - 0.055;
-}
-
 class SceneConverter {
  public:
-  // glTF states colors in linear light, the other formats as they are shown.
-  SceneConverter(const std::filesystem::path& path, const aiScene& scene,
-                 const std::optional<GltfScene>& gltf, const Eigen::Vector3d& center)
-      : path_(path), scene_(scene), gltf_(gltf), root_from_scene_(Eigen::Translation3d(center)) {}
+  SceneConverter(const std::filesystem::path& path, const aiScene& scene)
+      : path_(path), scene_(scene) {}
 
   RawMesh Convert() {
     for (unsigned int i = 0; i < scene_.mNumMaterials; ++i) AddMaterial(*scene_.mMaterials[i]);
@@ -51,14 +44,13 @@ class SceneConverter {
       any_colors_ |= scene_.mMeshes[i]->HasVertexColors(0);
       any_uvs_ |= scene_.mMeshes[i]->HasTextureCoords(0);
     }
-    if (scene_.mRootNode != nullptr) AddRoot(*scene_.mRootNode);
+    if (scene_.mRootNode != nullptr) AddNode(*scene_.mRootNode, Eigen::Affine3d::Identity(), 0);
     return std::move(mesh_);
   }
 
  private:
-  Rgb Color(const aiColor4D& color) const {
-    const auto byte = [&](double c) { return NearestByte((gltf_ ? SrgbFromLinear(c) : c) * 255); };
-    return {byte(color.r), byte(color.g), byte(color.b)};
+  static Rgb Color(const aiColor4D& color) {
+    return {NearestByte(color.r * 255), NearestByte(color.g * 255), NearestByte(color.b * 255)};
   }
 
   void AddMaterial(const aiMaterial& material) {
@@ -81,9 +73,8 @@ class SceneConverter {
     const auto [entry, is_new] = texture_by_name_.try_emplace(name, -1);
     if (is_new) {
       const aiTexture* embedded = scene_.GetEmbeddedTexture(name.c_str());
-      entry->second = embedded != nullptr
-                          ? AddEmbedded(*embedded, name)
-                          : AddTextureFile(path_, gltf_ ? DecodedUri(name) : name, mesh_);
+      entry->second =
+          embedded != nullptr ? AddEmbedded(*embedded, name) : AddTextureFile(path_, name, mesh_);
     }
     return entry->second;
   }
@@ -110,46 +101,17 @@ class SceneConverter {
     return static_cast<int32_t>(mesh_.textures.size()) - 1;
   }
 
-  // Assimp makes a node above those of a glTF scene, unless there is one.
-  void AddRoot(const aiNode& root) {
-    if (!gltf_ || gltf_->roots.empty()) return AddNode(root, root_from_scene_, 0, std::nullopt);
-    if (gltf_->roots.size() == 1) return AddNode(root, root_from_scene_, 0, gltf_->roots[0]);
-    RequireChildren(root, gltf_->roots);
-    for (unsigned int i = 0; i < root.mNumChildren; ++i) {
-      AddNode(*root.mChildren[i], root_from_scene_, 1, gltf_->roots[i]);
-    }
-  }
-
-  void RequireChildren(const aiNode& node, const std::vector<size_t>& children) const {
-    if (node.mNumChildren == children.size()) return;
-    throw InputError(path_, "nodes", "their tree is not what it is read as");
-  }
-
-  // `index`: of a glTF node, whose place assimp has in float alone.
-  void AddNode(const aiNode& node, const Eigen::Affine3d& root_from_parent, int depth,
-               std::optional<size_t> index) {
+  void AddNode(const aiNode& node, const Eigen::Affine3d& root_from_parent, int depth) {
     if (depth > kMaxNodeNesting) {
       throw InputError(path_, fmt::format("nodes are nested more than {} deep", kMaxNodeNesting));
     }
-    const Eigen::Affine3d root_from_node =
-        root_from_parent *
-        (index ? gltf_->nodes[*index].parent_from_node : ToEigen(node.mTransformation));
+    const Eigen::Affine3d root_from_node = root_from_parent * ToEigen(node.mTransformation);
     for (unsigned int i = 0; i < node.mNumMeshes; ++i) {
       AddMesh(*scene_.mMeshes[node.mMeshes[i]], root_from_node);
     }
-    if (index) RequireChildren(node, gltf_->nodes[*index].children);
     for (unsigned int i = 0; i < node.mNumChildren; ++i) {
-      AddNode(*node.mChildren[i], root_from_node, depth + 1,
-              index ? std::optional(gltf_->nodes[*index].children[i]) : std::nullopt);
+      AddNode(*node.mChildren[i], root_from_node, depth + 1);
     }
-  }
-
-  // Assimp's v goes up; glTF's and its transforms' go down.
-  Eigen::Vector2f TextureCoordinate(const aiMesh& part, const aiVector3D& uv) const {
-    if (!gltf_ || part.mMaterialIndex >= gltf_->uv_transforms.size()) return {uv.x, uv.y};
-    const Eigen::Vector2d down =
-        gltf_->uv_transforms[part.mMaterialIndex] * Eigen::Vector2d(uv.x, 1.0 - uv.y);
-    return Eigen::Vector2d(down.x(), 1 - down.y()).cast<float>();
   }
 
   void AddMesh(const aiMesh& part, const Eigen::Affine3d& root_from_part) {
@@ -163,9 +125,8 @@ class SceneConverter {
                                                                 : Rgb{255, 255, 255});
       }
       if (any_uvs_) {
-        mesh_.uvs.push_back(part.HasTextureCoords(0)
-                                ? TextureCoordinate(part, part.mTextureCoords[0][i])
-                                : Eigen::Vector2f(0, 0));
+        const aiVector3D uv = part.HasTextureCoords(0) ? part.mTextureCoords[0][i] : aiVector3D();
+        mesh_.uvs.emplace_back(uv.x, uv.y);
       }
     }
     const bool mirrored = root_from_part.linear().determinant() < 0;
@@ -195,8 +156,6 @@ class SceneConverter {
 
   const std::filesystem::path& path_;
   const aiScene& scene_;
-  const std::optional<GltfScene>& gltf_;
-  const Eigen::Affine3d root_from_scene_;
   bool any_colors_ = false;
   bool any_uvs_ = false;
   RawMesh mesh_;
@@ -205,14 +164,21 @@ class SceneConverter {
 
 std::function<bool(const std::filesystem::path&)> survives;
 
-// `read` lets an importer read the scene. `center` is added to all points.
-template <typename Read>
-RawMesh Converted(const std::filesystem::path& path, const std::optional<GltfScene>& gltf,
-                  const Eigen::Vector3d& center, const Read& read) {
+}  // namespace
+
+void SetMeshTrial(std::function<bool(const std::filesystem::path&)> trial) {
+  survives = std::move(trial);
+}
+
+RawMesh ReadWithAssimp(const std::filesystem::path& path) {
+  RequireRegularFile(path);
+  if (LowerExtension(path) != ".stl" && survives && !survives(path)) {
+    throw InputError(path, "cannot be read as a mesh: the file is damaged");
+  }
   Assimp::Importer importer;
   const aiScene* scene = nullptr;
   try {
-    scene = read(importer);
+    scene = importer.ReadFile(path.string(), kSteps);
   } catch (const std::bad_alloc&) {
     throw;
   } catch (const std::exception& error) {
@@ -222,46 +188,7 @@ RawMesh Converted(const std::filesystem::path& path, const std::optional<GltfSce
     throw InputError(
         path, fmt::format("cannot be read as a mesh: {}", Printable(importer.GetErrorString())));
   }
-  return SceneConverter(path, *scene, gltf, center).Convert();
-}
-
-}  // namespace
-
-void SetMeshTrial(std::function<bool(const std::filesystem::path&)> trial) {
-  survives = std::move(trial);
-}
-
-Eigen::Matrix3d ZUpFromYUp() {
-  return (Eigen::Matrix3d() << 1, 0, 0, 0, 0, -1, 0, 1, 0).finished();
-}
-
-RawMesh ReadGltf(const std::filesystem::path& path, std::string_view contents, GltfPlace place,
-                 const Eigen::Matrix3d& z_up_from_gltf) {
-  const std::optional<GltfScene> gltf = ReadGltfScene(path, contents, place);
-  const Eigen::Vector3d center = z_up_from_gltf.transpose() * gltf->center;
-  RawMesh mesh = Converted(path, gltf, center, [&](Assimp::Importer& importer) {
-    return place == GltfPlace::kFile
-               ? importer.ReadFile(path.string(), kSteps)
-               : importer.ReadFileFromMemory(contents.data(), contents.size(), kSteps, "glb");
-  });
-  for (const std::string& warning : gltf->warnings) {
-    mesh.warnings.push_back(fmt::format("{}: {}", path.string(), warning));
-  }
-  return mesh;
-}
-
-RawMesh ReadWithAssimp(const std::filesystem::path& path) {
-  RequireRegularFile(path);
-  const std::string extension = LowerExtension(path);
-  if (extension == ".glb" || extension == ".gltf") {
-    return ReadGltf(path, MappedFile(path).contents(), GltfPlace::kFile, ZUpFromYUp());
-  }
-  if (extension != ".stl" && survives && !survives(path)) {
-    throw InputError(path, "cannot be read as a mesh: the file is damaged");
-  }
-  return Converted(path, std::nullopt, Eigen::Vector3d::Zero(), [&](Assimp::Importer& importer) {
-    return importer.ReadFile(path.string(), kSteps);
-  });
+  return SceneConverter(path, *scene).Convert();
 }
 
 }  // namespace raylift

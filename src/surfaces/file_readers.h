@@ -5,6 +5,7 @@
 
 #include <filesystem>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -44,34 +45,18 @@ RawMesh ReadObj(const std::filesystem::path& path);
 // node graph, in the root's frame.
 RawMesh ReadWithAssimp(const std::filesystem::path& path);
 
-// What assimp loses of a glTF file: the places of nodes in double, and its textures' transforms.
-struct GltfScene {
-  struct Node {
-    Eigen::Affine3d parent_from_node = Eigen::Affine3d::Identity();
-    std::vector<size_t> children;
-  };
-  std::vector<Node> nodes;
-  std::vector<size_t> roots;  // of the scene that is shown
-  // Of each material's base color (KHR_texture_transform); u to the right, v down.
-  std::vector<Eigen::Affine2d> uv_transforms;
-  // Added to all points, in axes of which z is up (CESIUM_RTC).
-  Eigen::Vector3d center = Eigen::Vector3d::Zero();
-  std::vector<std::string> warnings;
-};
-
 // glTF is a file, which may name others, or binary in one.
 enum class GltfPlace { kFile, kPartOfFile };
 
-// Reads that, and checks what assimp would end the process for. Throws InputError naming the file
-// and the JSON path where the file is no glTF 2 (text or binary), it requires an extension that is
-// not read, its sizes are beyond what is there, an index is beyond its list, or nodes are no tree.
-GltfScene ReadGltfScene(const std::filesystem::path& path, std::string_view contents,
-                        GltfPlace place);
-
-// Reads glTF in the frame that it states. `z_up_from_gltf` is how its axes are turned later, as
-// CESIUM_RTC's center is in those.
+// Reads glTF 2, text or binary, in the frame that it states: the meshes of all nodes that are shown,
+// with instances (EXT_mesh_gpu_instancing), compressed (Draco, meshoptimizer) and quantized ones;
+// the places of nodes stay double. `z_up_from_gltf` is how its axes are turned later, as
+// CESIUM_RTC's center is in those. Throws InputError naming the file and the JSON path of what is
+// wrong, and where the file requires an extension that is not read.
+// `copies`: where the whole of it stands, in its own axes; once as it is if there are none.
 RawMesh ReadGltf(const std::filesystem::path& path, std::string_view contents, GltfPlace place,
-                 const Eigen::Matrix3d& z_up_from_gltf);
+                 const Eigen::Matrix3d& z_up_from_gltf,
+                 std::span<const Eigen::Affine3d> copies = {});
 
 // glTF's y is up, z towards the viewer.
 Eigen::Matrix3d ZUpFromYUp();

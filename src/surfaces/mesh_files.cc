@@ -56,6 +56,10 @@ TriangleMesh ReadByExtension(const std::filesystem::path& path, const MeshReadOp
     return FinishMesh(path, ReadCityGml(path, MappedFile(path).contents(), level));
   }
   if (extension == ".obj") return FinishMesh(path, ReadObj(path));
+  if (extension == ".glb" || extension == ".gltf") {
+    const MappedFile file(path);
+    return FinishMesh(path, ReadGltf(path, file.contents(), GltfPlace::kFile, ZUpFromYUp()));
+  }
   return FinishMesh(path, ReadWithAssimp(path));
 }
 

@@ -1,10 +1,12 @@
-// The files of tiles: glTF, alone or in b3dm (with what its features say), and several of them in
-// cmpt.
+// The files of tiles: glTF, alone, in b3dm or many times in i3dm (with what its features say), and
+// several of them in cmpt.
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <span>
 #include <string_view>
 #include <utility>
 
@@ -79,10 +81,10 @@ class TileReader {
     const uint32_t size = Number(bytes, 8);
     if (size > bytes.size() || size < kCommonHeader) FailTruncated();
     bytes = bytes.substr(0, size);
-    if (is("glTF")) AddPart(bytes, Vector3d::Zero());
+    if (is("glTF")) AddPart(bytes, Vector3d::Zero(), {});
     if (is("b3dm")) ReadBatched(bytes);
+    if (is("i3dm")) ReadInstanced(bytes);
     if (is("cmpt")) ReadComposite(bytes, depth);
-    meshes_.num_instanced += is("i3dm") ? 1 : 0;
     meshes_.num_clouds += is("pnts") ? 1 : 0;
   }
 
@@ -97,44 +99,165 @@ class TileReader {
     }
   }
 
-  // Tables of features and of batches, JSON and bytes each, and then glTF.
-  void ReadBatched(std::string_view bytes) {
-    std::array<uint32_t, 4> sizes{};
-    for (size_t i = 0; i < sizes.size(); ++i) sizes[i] = Number(bytes, kCommonHeader + 4 * i);
-    std::string_view rest = bytes.substr(kCommonHeader + 4 * sizes.size());
+  // Tables of features and of batches, JSON and bytes each, and what follows them.
+  struct Parts {
     std::array<std::string_view, 4> tables;
-    for (size_t i = 0; i < sizes.size(); ++i) {
-      if (sizes[i] > rest.size()) FailTruncated();
-      tables[i] = rest.substr(0, sizes[i]);
-      rest.remove_prefix(sizes[i]);
+    std::string_view rest;
+  };
+
+  Parts PartsOf(std::string_view bytes, size_t header) const {
+    Parts parts{{}, bytes.substr(std::min(header, bytes.size()))};
+    for (size_t i = 0; i < parts.tables.size(); ++i) {
+      const uint32_t size = Number(bytes, kCommonHeader + 4 * i);
+      if (size > parts.rest.size()) FailTruncated();
+      parts.tables[i] = parts.rest.substr(0, size);
+      parts.rest.remove_prefix(size);
     }
+    return parts;
+  }
+
+  std::string_view GlbIn(std::string_view rest) const {
     if (!rest.starts_with("glTF")) {
       throw InputError(content_.file, "expected binary glTF after the tables of the tile");
     }
-    AddPart(rest.substr(0, std::min<size_t>(rest.size(), Number(rest, 8))),
-            CenterOf(tables[0], tables[1]));
+    return rest.substr(0, std::min<size_t>(rest.size(), Number(rest, 8)));
+  }
+
+  void ReadBatched(std::string_view bytes) {
+    const Parts parts = PartsOf(bytes, kCommonHeader + 16);
+    const std::string_view glb = GlbIn(parts.rest);
+    Vector3d center = Vector3d::Zero();
+    if (parts.tables[0].find('{') != std::string_view::npos) {
+      const JsonDocument document(parts.tables[0], content_.file);
+      center = CenterOf(document.Root(), parts.tables[1]);
+    }
+    AddPart(glb, center, {});
+  }
+
+  // The header ends with whether glTF follows or the name of its file.
+  void ReadInstanced(std::string_view bytes) {
+    constexpr size_t kFormat = kCommonHeader + 16;
+    const Parts parts = PartsOf(bytes, kFormat + 4);
+    const JsonDocument document(parts.tables[0], content_.file);
+    const JsonPlace root = document.Root();
+    const std::vector<Affine3d> places = InstancePlaces(root, parts.tables[1]);
+    if (places.empty()) return;
+    const Vector3d center = CenterOf(root, parts.tables[1]);
+    if (Number(bytes, kFormat) == 1) return AddPart(GlbIn(parts.rest), center, places);
+    const std::string name =
+        DecodedUri(parts.rest.substr(0, parts.rest.find_first_of(std::string_view("\0 ", 2))));
+    if (!MayBeRead(name)) {
+      throw InputError(content_.file,
+                       fmt::format("expected glTF below the tile's folder, found {}", Shown(name)));
+    }
+    const std::filesystem::path path = content_.file.parent_path() / name;
+    const MappedFile file(path);
+    Add(ReadGltf(path, file.contents(), GltfPlace::kFile, content_.z_up_from_gltf, places), center);
+  }
+
+  // Returns where each instance stands, in the axes of the glTF.
+  std::vector<Affine3d> InstancePlaces(const JsonPlace& root, std::string_view binary) const {
+    const JsonPlace length = root.Member("INSTANCES_LENGTH");
+    const auto count = static_cast<size_t>(std::max(0, length.Int()));
+    const auto read = [&](std::string_view name, auto number, size_t components) {
+      return Features(root, name, binary, number, count * components);
+    };
+    std::vector<double> positions = read("POSITION", float{}, 3);
+    if (positions.empty()) positions = Dequantized(root, read("POSITION_QUANTIZED", uint16_t{}, 3));
+    std::vector<double> up = read("NORMAL_UP", float{}, 3),
+                        right = read("NORMAL_RIGHT", float{}, 3);
+    if (up.empty()) up = FromOct(read("NORMAL_UP_OCT32P", uint16_t{}, 2));
+    if (right.empty()) right = FromOct(read("NORMAL_RIGHT_OCT32P", uint16_t{}, 2));
+    const std::vector<double> scale = read("SCALE", float{}, 1);
+    const std::vector<double> scales = read("SCALE_NON_UNIFORM", float{}, 3);
+    const bool is_on_earth = root.Has("EAST_NORTH_UP") && root.Member("EAST_NORTH_UP").Bool();
+    if (positions.empty() && count > 0) root.Fail("expected POSITION or POSITION_QUANTIZED");
+    const Vector3d center = CenterOf(root, binary);
+    std::vector<Affine3d> places;
+    for (size_t i = 0; i < count; ++i) {
+      const auto item = [&](const std::vector<double>& v) { return Vector3d(&v[3 * i]); };
+      Affine3d place(Eigen::Translation3d(item(positions)));
+      if (!up.empty() && !right.empty()) {
+        place.linear() << item(right), item(up), item(right).cross(item(up));
+      } else if (is_on_earth) {
+        place.linear() = EastNorthUp(center + item(positions));
+      }
+      if (!scales.empty()) place.scale(item(scales));
+      if (!scale.empty()) place.scale(scale[i]);
+      const Affine3d z_up(content_.z_up_from_gltf);
+      places.push_back(z_up.inverse() * place * z_up);
+    }
+    return places;
+  }
+
+  // Returns `count` numbers of a feature; none where the tile does not have it.
+  template <typename T>
+  std::vector<double> Features(const JsonPlace& root, std::string_view name,
+                               std::string_view binary, T number, size_t count) const {
+    if (!root.Has(name)) return {};
+    const JsonPlace feature = root.Member(name);
+    const JsonPlace place = feature.Member("byteOffset");
+    const int offset = place.Int();
+    if (offset < 0 || static_cast<size_t>(offset) > binary.size() ||
+        count > (binary.size() - static_cast<size_t>(offset)) / sizeof(T)) {
+      place.Fail(fmt::format("expected {} numbers in {} bytes", count, binary.size()));
+    }
+    std::vector<double> numbers(count);
+    for (size_t i = 0; i < count; ++i) {
+      std::memcpy(&number, binary.data() + offset + i * sizeof(T), sizeof(T));
+      numbers[i] = static_cast<double>(number);
+    }
+    return numbers;
+  }
+
+  static std::vector<double> Dequantized(const JsonPlace& root, std::vector<double> numbers) {
+    if (numbers.empty()) return numbers;
+    const JsonPlace offset = root.Member("QUANTIZED_VOLUME_OFFSET");
+    const JsonPlace scale = root.Member("QUANTIZED_VOLUME_SCALE");
+    const Vector3d low = offset.Vector<3>(), size = scale.Vector<3>();
+    for (size_t i = 0; i < numbers.size(); ++i) {
+      const auto axis = static_cast<Eigen::Index>(i % 3);
+      numbers[i] = low[axis] + size[axis] * numbers[i] / UINT16_MAX;
+    }
+    return numbers;
+  }
+
+  // Unit vectors from points of an octahedron (Cigolle et al. 2014, Section 3.3).
+  static std::vector<double> FromOct(const std::vector<double>& numbers) {
+    std::vector<double> vectors;
+    for (size_t i = 0; i + 1 < numbers.size(); i += 2) {
+      const double x = 2 * numbers[i] / UINT16_MAX - 1, y = 2 * numbers[i + 1] / UINT16_MAX - 1;
+      Vector3d v(x, y, 1 - std::abs(x) - std::abs(y));
+      if (v.z() < 0) {
+        v.head<2>() << std::copysign(1 - std::abs(y), x), std::copysign(1 - std::abs(x), y);
+      }
+      v.normalize();
+      vectors.insert(vectors.end(), v.begin(), v.end());
+    }
+    return vectors;
+  }
+
+  // The axes east, north and up of WGS 84's ellipsoid.
+  static Eigen::Matrix3d EastNorthUp(const Vector3d& place) {
+    constexpr double kA = 6378137, kB = 6356752.314245179;
+    Eigen::Matrix3d axes;
+    const Vector3d up = place.cwiseQuotient(Vector3d(kA * kA, kA * kA, kB * kB)).normalized();
+    const Vector3d east = Vector3d(-place.y(), place.x(), 0).normalized();
+    axes << east, up.cross(east), up;
+    return axes;
   }
 
   // RTC_CENTER: three numbers, or where they are as floats.
-  Vector3d CenterOf(std::string_view features, std::string_view binary) const {
-    if (features.find('{') == std::string_view::npos) return Vector3d::Zero();
-    const JsonDocument document(features, content_.file);
-    const JsonPlace root = document.Root();
+  Vector3d CenterOf(const JsonPlace& root, std::string_view binary) const {
     if (!root.Has("RTC_CENTER")) return Vector3d::Zero();
     const JsonPlace center = root.Member("RTC_CENTER");
     if (center.IsArray()) return center.Vector<3>();
-    const JsonPlace place = center.Member("byteOffset");
-    const int offset = place.Int();
-    Eigen::Vector3f numbers;
-    if (offset < 0 || static_cast<size_t>(offset) + sizeof(numbers) > binary.size()) {
-      place.Fail(fmt::format("expected three floats in {} bytes", binary.size()));
-    }
-    std::memcpy(numbers.data(), binary.data() + offset, sizeof(numbers));
-    return numbers.cast<double>();
+    return Vector3d(Features(root, "RTC_CENTER", binary, float{}, 3).data());
   }
 
-  void AddPart(std::string_view glb, const Vector3d& center) {
-    Add(ReadGltf(content_.file, glb, GltfPlace::kPartOfFile, content_.z_up_from_gltf), center);
+  void AddPart(std::string_view glb, const Vector3d& center, std::span<const Affine3d> copies) {
+    Add(ReadGltf(content_.file, glb, GltfPlace::kPartOfFile, content_.z_up_from_gltf, copies),
+        center);
   }
 
   void Add(RawMesh mesh, const Vector3d& center) {

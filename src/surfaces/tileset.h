@@ -38,7 +38,7 @@ std::optional<Eigen::Vector3d> CenterOfTileset(const std::filesystem::path& root
 // What a tile's file holds, in the frame of the root.
 struct TileMeshes {
   std::vector<RawMesh> meshes;
-  size_t num_instanced = 0, num_clouds = 0;  // i3dm and pnts, which are not read
+  size_t num_clouds = 0;  // pnts, which are not read
 };
 TileMeshes ReadTileContent(const TileContent& content);
 

@@ -119,12 +119,12 @@ class TileFrame {
 // What one file of a tileset became.
 struct LoadedTile {
   std::vector<TriangleMesh> meshes;
-  size_t num_instanced = 0, num_clouds = 0, num_without_area = 0;
+  size_t num_clouds = 0, num_without_area = 0;
 };
 
 LoadedTile Load(const TileContent& content, TileFrame& frame) {
   TileMeshes raw = ReadTileContent(content);
-  LoadedTile tile{.meshes = {}, .num_instanced = raw.num_instanced, .num_clouds = raw.num_clouds};
+  LoadedTile tile{.meshes = {}, .num_clouds = raw.num_clouds};
   for (RawMesh& mesh : raw.meshes) {
     try {
       frame.Lead(mesh);
@@ -143,9 +143,8 @@ LoadedTile Load(const TileContent& content, TileFrame& frame) {
 // Says which tiles do not show; empty where all do.
 std::string LeftOut(const LoadedTile& sum) {
   std::string text;
-  if (sum.num_instanced + sum.num_clouds > 0) {
-    text = fmt::format("{} tiles of instances (i3dm) and {} of points (pnts) are not read",
-                       sum.num_instanced, sum.num_clouds);
+  if (sum.num_clouds > 0) {
+    text = fmt::format("{} tiles of points (pnts) are not read", sum.num_clouds);
   }
   if (sum.num_without_area > 0) {
     text += fmt::format("{}{} tiles are left out, as none of their triangles has an area",
@@ -180,7 +179,6 @@ TriangleMesh ReadTileset(const path& file, const MeshReadOptions& options) {
   std::vector<TriangleMesh> meshes;
   LoadedTile sum;
   for (LoadedTile& tile : tiles) {
-    sum.num_instanced += tile.num_instanced;
     sum.num_clouds += tile.num_clouds;
     sum.num_without_area += tile.num_without_area;
     for (TriangleMesh& mesh : tile.meshes) meshes.push_back(std::move(mesh));

@@ -3,8 +3,11 @@
 #include <cmath>
 #include <vector>
 
+#include "base/base64.h"
 #include "support/matchers.h"
 #include <gtest/gtest.h>
+
+#include "raylift/base/error.h"
 
 namespace raylift {
 namespace {
@@ -80,6 +83,20 @@ TEST(ClosestName, IsLikelyOrNone) {
   EXPECT_EQ(ClosestName("", names), std::nullopt);
   EXPECT_EQ(DidYouMean("colour", names), "; did you mean color?");
   EXPECT_EQ(DidYouMean("moon", names), "");
+}
+
+TEST(Base64, StandsForItsBytes) {
+  EXPECT_EQ(DecodeBase64(""), "");
+  EXPECT_EQ(DecodeBase64("YQ=="), "a");
+  EXPECT_EQ(DecodeBase64("YWI="), "ab");
+  const std::string bytes("abc\xFB\xFF\0", 6);
+  EXPECT_EQ(DecodeBase64("YWJj+/8A"), bytes);
+  for (size_t size = 0; size <= bytes.size(); ++size) {
+    EXPECT_EQ(DecodeBase64(EncodeBase64(bytes.substr(0, size))), bytes.substr(0, size));
+  }
+  EXPECT_THROW(DecodeBase64("YQ=a"), InputError);
+  EXPECT_THROW(DecodeBase64("YWJjZ"), InputError);
+  EXPECT_THROW(DecodeBase64("YW Jj"), InputError);
 }
 
 }  // namespace

@@ -90,15 +90,5 @@ TEST(LocalizeRequest, MatchesAreOfTheScenesReferences) {
   EXPECT_EQ(matches.matches[1].query_px, Eigen::Vector2d(3, 1));
 }
 
-TEST(Base64, StandsForItsBytes) {
-  EXPECT_EQ(DecodeBase64(""), "");
-  EXPECT_EQ(DecodeBase64("YQ=="), "a");
-  EXPECT_EQ(DecodeBase64("YWI="), "ab");
-  EXPECT_EQ(DecodeBase64("YWJj+/8A"), std::string("abc\xFB\xFF\0", 6));
-  EXPECT_THROW(DecodeBase64("YQ=a"), InputError);
-  EXPECT_THROW(DecodeBase64("YWJjZ"), InputError);
-  EXPECT_THROW(DecodeBase64("YW Jj"), InputError);
-}
-
 }  // namespace
 }  // namespace raylift

@@ -148,6 +148,76 @@ TEST(ReadTileset, ItsCoordinatesAreLedToTheSystemThatIsAskedFor) {
   EXPECT_LT(MaxCornerDistance(ReadMesh(file, options), on_earth), 1e-5);
 }
 
+// A tile of instances. `gltf_format`: 1, glTF follows; 0, the name of its file.
+std::string I3dm(std::string features, std::string binary, const std::string& gltf,
+                 uint32_t gltf_format = 1) {
+  while ((32 + features.size()) % 8 != 0) features += ' ';
+  while (binary.size() % 8 != 0) binary += '\0';
+  std::string rest;
+  for (const size_t size : {features.size(), binary.size(), size_t{0}, size_t{0}}) {
+    AppendBytes(rest, static_cast<uint32_t>(size));
+  }
+  AppendBytes(rest, gltf_format);
+  return Tile("i3dm", rest + features + binary + gltf);
+}
+
+template <typename T>
+std::string BytesOf(const std::vector<T>& numbers) {
+  std::string bytes;
+  for (const T number : numbers) AppendBytes(bytes, number);
+  return bytes;
+}
+
+// What each way of saying it makes of the corners of the instances' mesh.
+TEST(ReadTileset, InstancesStandWhereTheTileSays) {
+  const TilePatch hills = HillPatch({0, 0});
+  const std::vector<Vector3d> corners = Corners(MeshOf(hills));
+  const path file =
+      WriteTileset(kSphere + std::string(R"(0,"refine":"ADD","content":{"uri":"tile.i3dm"})"));
+  const auto expect = [&](const std::string& tile, const std::vector<Affine3d>& places,
+                          double tolerance) {
+    WriteFile(file.parent_path() / "tile.i3dm", tile);
+    std::vector<Vector3d> expected;
+    for (const Affine3d& place : places) {
+      for (const Vector3d& corner : corners) expected.push_back(place * corner);
+    }
+    EXPECT_LT(MaxCornerDistance(ReadMesh(file), expected), tolerance) << tile.substr(0, 300);
+  };
+  const auto at = [](double x, double y, double z) {
+    return Affine3d(Eigen::Translation3d(x, y, z));
+  };
+  const std::string places = BytesOf<float>({100, 0, 5, 0, 300, 0});
+  const std::string scaled =
+      R"({"INSTANCES_LENGTH":2,"RTC_CENTER":[7,8,9],"POSITION":{"byteOffset":0},"SCALE":{"byteOffset":24}})";
+  const std::vector<Affine3d> twice = {at(107, 8, 14) * Eigen::Scaling(2.0),
+                                       at(7, 308, 9) * Eigen::Scaling(0.5)};
+  expect(I3dm(scaled, places + BytesOf<float>({2, 0.5}), TileGlb(hills)), twice, 1e-4);
+  WriteFile(file.parent_path() / "a tree.glb", TileGlb(hills));
+  expect(I3dm(scaled, places + BytesOf<float>({2, 0.5}), "a%20tree.glb", 0), twice, 1e-4);
+
+  // Up is where y goes, right is where x goes.
+  Affine3d turned = at(100, 0, 5);
+  turned.linear() << 0, 0, 1, 1, 0, 0, 0, 1, 0;
+  expect(I3dm(R"({"INSTANCES_LENGTH":1,"POSITION":{"byteOffset":0},"NORMAL_UP":{"byteOffset":12},
+"NORMAL_RIGHT":{"byteOffset":24}})",
+              BytesOf<float>({100, 0, 5, 0, 0, 1, 0, 1, 0}), TileGlb(hills)),
+         {turned}, 1e-4);
+  // An octahedron's corners: up is at the middle of the square, right at the end of its y.
+  expect(I3dm(R"({"INSTANCES_LENGTH":1,"POSITION_QUANTIZED":{"byteOffset":0},
+"QUANTIZED_VOLUME_OFFSET":[50,0,5],"QUANTIZED_VOLUME_SCALE":[100,1,1],
+"NORMAL_UP_OCT32P":{"byteOffset":8},"NORMAL_RIGHT_OCT32P":{"byteOffset":12}})",
+              BytesOf<uint16_t>({32768, 0, 0, 0, 32768, 32768, 32768, 65535}), TileGlb(hills)),
+         {turned}, 5e-3);
+
+  // On the equator, where the meridian of 90 degrees meets it: east is -x, up is y.
+  Affine3d on_earth = at(0, 6378137, 0);
+  on_earth.linear() << -1, 0, 0, 0, 0, 1, 0, 1, 0;
+  WriteTileset(kSphere + std::string(R"(0,"refine":"ADD","content":{"uri":"tile.i3dm"})"));
+  expect(I3dm(R"({"INSTANCES_LENGTH":1,"EAST_NORTH_UP":true,"POSITION":{"byteOffset":0}})",
+              BytesOf<float>({0, 6378137, 0}), TileGlb(hills)),
+         {on_earth}, 1e-3);
+}
+
 TEST(ReadTileset, ALocalOneStaysAsItIs) {
   const TilePatch hills = HillPatch({0, 0});
   const path file =
@@ -436,8 +506,16 @@ TEST(ReadTileset, TilesThatAreDamagedAreNamed) {
            {Tile("b3dm", std::string(16, '\0') + "glTX"), "expected binary glTF"},
            {B3dm(Tile("glTF", std::string(8, '\0'))), "version: expected glTF 2, found 1"},
            {Tile("cmpt", std::string("\xff\xff\xff\xff", 4)), "damaged or truncated"},
-           {Tile("i3dm", ""), "1 tiles of instances (i3dm) and 0 of points (pnts) are not read"},
-           {B3dm(TileGlb(HillPatch({0, 0}), "", external)), "a member stands twice"}}) {
+           {Tile("i3dm", ""), "damaged or truncated"},
+           {I3dm(R"({"INSTANCES_LENGTH":2})", "", TileGlb(HillPatch({0, 0}))), "expected POSITION"},
+           {I3dm(R"({"INSTANCES_LENGTH":2,"POSITION":{"byteOffset":4}})", std::string(24, '\0'),
+                 TileGlb(HillPatch({0, 0}))),
+            "POSITION.byteOffset: expected 6 numbers in 24 bytes"},
+           {I3dm(R"({"INSTANCES_LENGTH":1,"POSITION":{"byteOffset":0}})", std::string(12, '\0'),
+                 "../other.glb", 0),
+            "expected glTF below the tile's folder"},
+           {B3dm(TileGlb(HillPatch({0, 0}), "", external)),
+            "buffers[0].uri: expected the bytes in"}}) {
     WriteFile(tile, contents);
     EXPECT_TRUE(FailsWithInputError([&] { ReadMesh(file); }, {message})) << message;
   }

@@ -1,0 +1,45 @@
+// What compresses glTF: Draco (KHR_draco_mesh_compression) and meshoptimizer
+// (EXT_meshopt_compression).
+
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace raylift {
+
+// An attribute of vertices: `components` numbers of each, one vertex after the other.
+struct VertexNumbers {
+  size_t components = 0;
+  std::vector<float> values;
+
+  size_t count() const { return components == 0 ? 0 : values.size() / components; }
+};
+
+// An attribute of a mesh that Draco compressed, by its id there.
+struct DracoAttribute {
+  uint32_t id;
+  VertexNumbers* numbers;  // with the components that are wanted
+};
+
+// Sets the attributes and returns the triangles' corners. Throws InputError where the bytes are no
+// such mesh.
+std::vector<uint32_t> DecodeDraco(std::string_view bytes,
+                                  std::span<const DracoAttribute> attributes);
+
+// The members of EXT_meshopt_compression.
+struct MeshoptView {
+  std::string mode;
+  std::string filter;
+  size_t count;
+  size_t stride;
+};
+
+// Returns count * stride bytes. Throws InputError where the compressed ones are not what is said.
+std::string DecodeMeshopt(std::string_view bytes, const MeshoptView& view);
+
+}  // namespace raylift

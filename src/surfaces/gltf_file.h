@@ -1,0 +1,92 @@
+// The parts of a glTF 2 file: its JSON, its buffers, and the numbers that its accessors say.
+
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "io/text/json_document.h"
+#include "surfaces/file_readers.h"
+#include "surfaces/gltf_compression.h"
+#include "surfaces/input_files.h"
+
+namespace raylift {
+
+// Calls `use` with the member of a member ... that the names lead to, if there is one.
+template <typename Use>
+void IfThere(const JsonPlace& place, std::initializer_list<std::string_view> names, const Use& use,
+             size_t next = 0) {
+  if (next == names.size()) return use(place);
+  const std::string_view name = names.begin()[next];
+  if (!place.Has(name)) return;
+  const JsonPlace member = place.Member(name);
+  IfThere(member, names, use, next + 1);
+}
+
+// Returns a number of bytes or items up to 2^32 - 1; `missing` where there is no such member.
+uint64_t CountOf(const JsonPlace& place, std::string_view member, uint64_t missing);
+
+// What is read is checked when it is: the members throw InputError that names file and JSON path.
+class GltfFile {
+ public:
+  // `contents` must outlive the object.
+  GltfFile(const std::filesystem::path& path, std::string_view contents, GltfPlace place);
+
+  const JsonPlace& root() const { return root_; }
+  size_t CountItems(const std::string& list) const;
+  JsonPlace Item(const std::string& list, size_t index) const;
+  // The index of an item of a list that stands at a place.
+  size_t Index(const std::string& list, const JsonPlace& index) const;
+
+  // The bytes of a buffer view, decompressed where they must be; valid as long as the file is.
+  std::string_view BytesOfView(const JsonPlace& index);
+
+  // The items of an accessor, each of `components` numbers; 0: as many as it has, 3 or 4.
+  // Normalized integers become numbers up to 1.
+  VertexNumbers ReadNumbers(const JsonPlace& index, size_t components);
+  std::vector<uint32_t> ReadIndices(const JsonPlace& index);
+
+  // Returns what a URI holds that carries its data itself; nullopt where it names a file, whose
+  // place may be read.
+  std::optional<std::string> DataOfUri(const JsonPlace& uri) const;
+
+ private:
+  struct View {
+    std::string_view bytes;
+    size_t stride;  // 0: items lie one after the other
+  };
+  struct Items;
+
+  std::string_view TakeJson();
+  std::string_view TakeChunk(std::string_view name);
+  const View& ViewAt(const JsonPlace& index);
+  std::string_view PartOfBuffer(const JsonPlace& place);
+  std::string_view Buffer(size_t index);
+  std::string_view ReadBuffer(size_t index);
+  Items AtPlace(const JsonPlace& place, Items items);
+  Items ItemsOf(const JsonPlace& accessor, size_t components);
+  template <typename Number>
+  std::vector<Number> Read(const JsonPlace& index, size_t& components);
+
+  const std::filesystem::path& path_;
+  GltfPlace place_;
+  size_t size_bytes_;
+  std::string_view rest_;                 // of binary files, behind the chunks that were taken
+  std::optional<std::string_view> data_;  // the second chunk
+  JsonDocument document_;
+  JsonPlace root_;
+  std::map<std::string, JsonPlace> lists_;
+  std::map<size_t, std::string_view> buffers_;
+  std::map<size_t, View> views_;
+  std::deque<std::string> decoded_;  // what buffers and views point into
+  std::deque<MappedFile> files_;
+};
+
+}  // namespace raylift

@@ -1,0 +1,481 @@
+// glTF 2, text and binary: all meshes of the nodes that are shown, whose places stay double.
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "base/read_limits.h"
+#include "surfaces/file_readers.h"
+#include "surfaces/gltf_file.h"
+#include "surfaces/input_files.h"
+#include <Eigen/Geometry>
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/text.h"
+
+namespace raylift {
+namespace {
+
+using Eigen::Affine3d;
+
+// Those that may be required, as they are read, or the geometry and its base color need nothing of
+// them.
+constexpr auto kKnownExtensions = std::to_array<std::string_view>(
+    {"CESIUM_RTC", "EXT_mesh_features", "EXT_mesh_gpu_instancing", "EXT_meshopt_compression",
+     "EXT_structural_metadata", "EXT_texture_webp", "KHR_draco_mesh_compression",
+     "KHR_lights_punctual", "KHR_mesh_quantization", "KHR_texture_transform"});
+
+constexpr Rgb kWhite = {255, 255, 255};
+
+// glTF states colors in linear light.
+uint8_t ByteOfLinear(float linear) {
+  const double c{linear};
+  return NearestByte((c <= 0.0031308 ? 12.92 * c : 1.055 * std::pow(c, 1 / 2.4) - 0.055) * 255);
+}
+
+template <int N>
+Eigen::Matrix<double, N, 1> Item(const VertexNumbers& numbers, size_t index) {
+  return Eigen::Map<const Eigen::Matrix<float, N, 1>>(&numbers.values[N * index])
+      .template cast<double>();
+}
+
+template <int N>
+Eigen::Matrix<double, N, 1> VectorOr(const JsonPlace& place, std::string_view member,
+                                     const Eigen::Matrix<double, N, 1>& missing) {
+  if (!place.Has(member)) return missing;
+  const JsonPlace vector = place.Member(member);
+  return vector.Vector<N>();
+}
+
+// translation * rotation (x, y, z, w) * scale.
+Affine3d PlaceOf(const Eigen::Vector3d& translation, const Eigen::Vector4d& rotation,
+                 const Eigen::Vector3d& scale) {
+  return Affine3d(Eigen::Translation3d(translation))
+      .rotate(Eigen::Quaterniond(rotation).normalized())
+      .scale(scale);
+}
+
+Affine3d PlaceOf(const JsonPlace& node) {
+  Affine3d parent_from_node = Affine3d::Identity();
+  if (node.Has("matrix")) {  // by columns
+    const JsonPlace matrix = node.Member("matrix");
+    parent_from_node.matrix() = matrix.Vector<16>().reshaped(4, 4);
+    return parent_from_node;
+  }
+  return PlaceOf(VectorOr<3>(node, "translation", {0, 0, 0}),
+                 VectorOr<4>(node, "rotation", {0, 0, 0, 1}),
+                 VectorOr<3>(node, "scale", {1, 1, 1}));
+}
+
+// What the triangles of a material need besides its color or picture.
+struct UvUse {
+  int set = 0;
+  // u to the right, v down.
+  Eigen::Affine2d uv_transform = Eigen::Affine2d::Identity();
+};
+
+// translation * rotation * scale, where the rotation is counter-clockwise as a picture is looked
+// at.
+UvUse UvUseOf(const JsonPlace& texture) {
+  UvUse use{.set = static_cast<int>(CountOf(texture, "texCoord", 0))};
+  IfThere(texture, {"extensions", "KHR_texture_transform"}, [&](const JsonPlace& transform) {
+    const Eigen::Vector2d offset = VectorOr<2>(transform, "offset", {0, 0});
+    const Eigen::Vector2d scale = VectorOr<2>(transform, "scale", {1, 1});
+    double angle = 0;
+    IfThere(transform, {"rotation"}, [&](const JsonPlace& rotation) { angle = rotation.Number(); });
+    use.set = static_cast<int>(CountOf(transform, "texCoord", static_cast<uint64_t>(use.set)));
+    use.uv_transform =
+        Eigen::Translation2d(offset) * Eigen::Rotation2Dd(-angle) * Eigen::Scaling(scale);
+  });
+  return use;
+}
+
+// A part of a mesh: its vertices, and three corners for each triangle.
+struct Primitive {
+  VertexNumbers positions, uvs, colors;
+  std::vector<uint32_t> corners;
+  size_t material = 0;
+};
+
+// The corners of triangles, of a strip of them (whose winding alternates) or of a fan.
+std::vector<uint32_t> ToTriangles(uint64_t mode, std::vector<uint32_t> corners) {
+  if (mode == 4) {
+    corners.resize(corners.size() / 3 * 3);
+    return corners;
+  }
+  std::vector<uint32_t> triangles;
+  for (size_t i = 0; i + 2 < corners.size(); ++i) {
+    const size_t first = mode == 6 ? 0 : i + i % 2;
+    const size_t second = mode == 6 ? i + 1 : i + 1 - i % 2;
+    triangles.insert(triangles.end(), {corners[first], corners[second], corners[i + 2]});
+  }
+  return triangles;
+}
+
+class GltfReader {
+ public:
+  GltfReader(const std::filesystem::path& path, std::string_view contents, GltfPlace place,
+             const Eigen::Matrix3d& z_up_from_gltf)
+      : path_(path), file_(path, contents, place), z_up_from_gltf_(z_up_from_gltf) {}
+
+  RawMesh Read(std::span<const Affine3d> copies) {
+    RequireKnownExtensions();
+    for (size_t i = 0; i < file_.CountItems("materials"); ++i) {
+      AddMaterial(file_.Item("materials", i));
+    }
+    std::map<size_t, size_t> uses;
+    const Affine3d once = Affine3d::Identity();
+    std::vector<PlacedMesh> placed;
+    for (const Affine3d& copy : copies.empty() ? std::span(&once, 1) : copies) {
+      PlaceScene(copy * RootFromScene(), placed);
+    }
+    for (const PlacedMesh& mesh : placed) ++uses[mesh.index];
+    std::map<size_t, std::vector<Primitive>> shared;
+    for (const PlacedMesh& mesh : placed) {
+      if (uses[mesh.index] == 1) {
+        for (const Primitive& part : ReadMesh(mesh.index)) Add(part, mesh.root_from_mesh);
+      } else {
+        const auto [entry, is_new] = shared.try_emplace(mesh.index);
+        if (is_new) entry->second = ReadMesh(mesh.index);
+        for (const Primitive& part : entry->second) Add(part, mesh.root_from_mesh);
+      }
+    }
+    if (!mesh_.uvs.empty()) mesh_.uvs.resize(mesh_.positions.size(), {0, 0});
+    if (!mesh_.position_colors.empty()) {
+      mesh_.position_colors.resize(mesh_.positions.size(), kWhite);
+    }
+    return std::move(mesh_);
+  }
+
+ private:
+  struct PlacedMesh {
+    size_t index;
+    Affine3d root_from_mesh;
+  };
+
+  void RequireKnownExtensions() const {
+    IfThere(file_.root(), {"extensionsRequired"}, [](const JsonPlace& required) {
+      for (size_t i = 0; i < required.ArraySize(); ++i) {
+        const std::string name = required.At(i).String();
+        if (name.starts_with("KHR_materials_") ||
+            std::find(kKnownExtensions.begin(), kKnownExtensions.end(), name) !=
+                kKnownExtensions.end()) {
+          continue;
+        }
+        required.Fail(
+            fmt::format("the file requires {}, which is not read; write it without", name));
+      }
+    });
+  }
+
+  void AddMaterial(const JsonPlace& material) {
+    RawMesh::Material added{.color_rgb = kWhite};
+    UvUse use;
+    const auto take = [&](const JsonPlace& part, std::string_view texture, std::string_view color) {
+      IfThere(part, {texture}, [&](const JsonPlace& info) {
+        use = UvUseOf(info);
+        const JsonPlace index = info.Member("index");
+        added.texture = Texture(file_.Item("textures", file_.Index("textures", index)));
+      });
+      const Eigen::Vector4d linear = VectorOr<4>(part, color, {1, 1, 1, 1});
+      for (int c = 0; c < 3; ++c) {
+        (*added.color_rgb)[static_cast<size_t>(c)] = ByteOfLinear(static_cast<float>(linear[c]));
+      }
+    };
+    IfThere(material, {"extensions", "KHR_materials_pbrSpecularGlossiness"},
+            [&](const JsonPlace& part) { take(part, "diffuseTexture", "diffuseFactor"); });
+    IfThere(material, {"pbrMetallicRoughness"},
+            [&](const JsonPlace& part) { take(part, "baseColorTexture", "baseColorFactor"); });
+    mesh_.materials.push_back(added);
+    uv_uses_.push_back(use);
+  }
+
+  // Returns the index of its picture; -1 where it has none that can be read.
+  int32_t Texture(const JsonPlace& texture) {
+    std::optional<size_t> image;
+    const auto take = [&](const JsonPlace& source) { image = file_.Index("images", source); };
+    IfThere(texture, {"source"}, take);
+    if (!image) IfThere(texture, {"extensions", "EXT_texture_webp", "source"}, take);
+    if (!image) return -1;
+    const auto [entry, is_new] = texture_of_image_.try_emplace(*image, -1);
+    if (is_new) entry->second = AddPicture(file_.Item("images", *image), *image);
+    return entry->second;
+  }
+
+  int32_t AddPicture(const JsonPlace& image, size_t index) {
+    std::string_view bytes;
+    std::optional<std::string> data;
+    if (image.Has("uri")) {
+      const JsonPlace uri = image.Member("uri");
+      data = file_.DataOfUri(uri);
+      if (!data) return AddTextureFile(path_, DecodedUri(uri.String()), mesh_);
+      bytes = *data;
+    } else {
+      const JsonPlace view = image.Member("bufferView");
+      bytes = file_.BytesOfView(view);
+    }
+    auto picture = DecodeTexture({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()});
+    if (!picture) {
+      mesh_.warnings.push_back(
+          fmt::format("{}: images[{}]: cannot be decoded as a picture", path_.string(), index));
+      return -1;
+    }
+    mesh_.textures.push_back(std::move(*picture));
+    return static_cast<int32_t>(mesh_.textures.size()) - 1;
+  }
+
+  Affine3d RootFromScene() const {
+    Eigen::Vector3d center = Eigen::Vector3d::Zero();  // in axes of which z is up
+    IfThere(file_.root(), {"extensions", "CESIUM_RTC"}, [&](const JsonPlace& rtc) {
+      center = VectorOr<3>(rtc, "center", {0, 0, 0});
+    });
+    return Affine3d(Eigen::Translation3d(z_up_from_gltf_.transpose() * center));
+  }
+
+  // Adds meshes in the order of the tree.
+  void PlaceScene(const Affine3d& root_from_scene, std::vector<PlacedMesh>& placed) {
+    is_placed_.assign(file_.CountItems("nodes"), false);
+    if (file_.CountItems("scenes") == 0) return PlaceRoots(root_from_scene, placed);
+    size_t shown = 0;
+    IfThere(file_.root(), {"scene"},
+            [&](const JsonPlace& scene) { shown = file_.Index("scenes", scene); });
+    const JsonPlace scene = file_.Item("scenes", shown);
+    PlaceNodes(scene, "nodes", root_from_scene, 0, placed);
+  }
+
+  // A file without scenes shows each node that is no other's child.
+  void PlaceRoots(const Affine3d& root_from_scene, std::vector<PlacedMesh>& placed) {
+    std::vector<bool> is_child(is_placed_.size());
+    for (size_t i = 0; i < is_child.size(); ++i) {
+      const JsonPlace node = file_.Item("nodes", i);
+      IfThere(node, {"children"}, [&](const JsonPlace& children) {
+        for (size_t k = 0; k < children.ArraySize(); ++k) {
+          is_child[file_.Index("nodes", children.At(k))] = true;
+        }
+      });
+    }
+    for (size_t i = 0; i < is_child.size(); ++i) {
+      if (!is_child[i]) PlaceNode(i, root_from_scene, 0, placed);
+    }
+  }
+
+  void PlaceNodes(const JsonPlace& parent, std::string_view member,
+                  const Affine3d& root_from_parent, size_t depth, std::vector<PlacedMesh>& placed) {
+    IfThere(parent, {member}, [&](const JsonPlace& nodes) {
+      if (depth > kMaxGltfNodeNesting) {
+        nodes.Fail(fmt::format("they are nested more than {} deep", kMaxGltfNodeNesting));
+      }
+      for (size_t i = 0; i < nodes.ArraySize(); ++i) {
+        const JsonPlace index = nodes.At(i);
+        const size_t node = file_.Index("nodes", index);
+        if (is_placed_[node]) index.Fail("a node is the child of two");
+        PlaceNode(node, root_from_parent, depth, placed);
+      }
+    });
+  }
+
+  void PlaceNode(size_t index, const Affine3d& root_from_parent, size_t depth,
+                 std::vector<PlacedMesh>& placed) {
+    is_placed_[index] = true;
+    const JsonPlace node = file_.Item("nodes", index);
+    const Affine3d root_from_node = root_from_parent * PlaceOf(node);
+    IfThere(node, {"mesh"}, [&](const JsonPlace& mesh) {
+      const size_t number = file_.Index("meshes", mesh);
+      for (const Affine3d& node_from_instance : Instances(node)) {
+        placed.push_back({number, root_from_node * node_from_instance});
+      }
+    });
+    PlaceNodes(node, "children", root_from_node, depth + 1, placed);
+  }
+
+  // Where the mesh of a node stands (EXT_mesh_gpu_instancing): once, if it does not say.
+  std::vector<Affine3d> Instances(const JsonPlace& node) {
+    std::vector<Affine3d> places = {Affine3d::Identity()};
+    IfThere(
+        node, {"extensions", "EXT_mesh_gpu_instancing", "attributes"},
+        [&](const JsonPlace& attributes) {
+          const VertexNumbers translations = Attribute(attributes, "TRANSLATION", 3);
+          const VertexNumbers rotations = Attribute(attributes, "ROTATION", 4);
+          const VertexNumbers scales = Attribute(attributes, "SCALE", 3);
+          const size_t count = std::max({translations.count(), rotations.count(), scales.count()});
+          for (const VertexNumbers* numbers : {&translations, &rotations, &scales}) {
+            if (numbers->count() != 0 && numbers->count() != count) {
+              attributes.Fail("expected as many of each");
+            }
+          }
+          places.clear();
+          for (size_t i = 0; i < count; ++i) {
+            places.push_back(PlaceOf(ItemOr<3>(translations, i, {0, 0, 0}),
+                                     ItemOr<4>(rotations, i, {0, 0, 0, 1}),
+                                     ItemOr<3>(scales, i, {1, 1, 1})));
+          }
+        });
+    return places;
+  }
+
+  template <int N>
+  static Eigen::Matrix<double, N, 1> ItemOr(const VertexNumbers& numbers, size_t index,
+                                            const Eigen::Matrix<double, N, 1>& missing) {
+    return numbers.count() == 0 ? missing : Item<N>(numbers, index);
+  }
+
+  // Returns no numbers where there is no such attribute.
+  VertexNumbers Attribute(const JsonPlace& attributes, std::string_view name, size_t components) {
+    if (!attributes.Has(name)) return {};
+    const JsonPlace index = attributes.Member(name);
+    return file_.ReadNumbers(index, components);
+  }
+
+  std::vector<Primitive> ReadMesh(size_t index) {
+    std::vector<Primitive> parts;
+    const JsonPlace mesh = file_.Item("meshes", index);
+    const JsonPlace primitives = mesh.Member("primitives");
+    for (size_t i = 0; i < primitives.ArraySize(); ++i) {
+      const JsonPlace primitive = primitives.At(i);
+      const uint64_t mode = CountOf(primitive, "mode", 4);
+      if (mode >= 4 && mode <= 6) parts.push_back(ReadPrimitive(primitive, mode));
+    }
+    return parts;
+  }
+
+  Primitive ReadPrimitive(const JsonPlace& place, uint64_t mode) {
+    Primitive primitive;
+    primitive.material = mesh_.materials.size();
+    IfThere(place, {"material"}, [&](const JsonPlace& material) {
+      primitive.material = file_.Index("materials", material);
+    });
+    const int uv_set = primitive.material < uv_uses_.size() ? uv_uses_[primitive.material].set : 0;
+    const std::string uv_name = fmt::format("TEXCOORD_{}", uv_set);
+    bool is_compressed = false;
+    IfThere(place, {"extensions", "KHR_draco_mesh_compression"}, [&](const JsonPlace& draco) {
+      is_compressed = true;
+      ReadDraco(draco, uv_name, primitive);
+    });
+    if (!is_compressed) {
+      const JsonPlace attributes = place.Member("attributes");
+      primitive.positions = Attribute(attributes, "POSITION", 3);
+      primitive.uvs = Attribute(attributes, uv_name, 2);
+      primitive.colors = Attribute(attributes, "COLOR_0", 0);
+      ReadCorners(place, mode, primitive);
+    }
+    const size_t count = primitive.positions.count();
+    for (const VertexNumbers* numbers : {&primitive.uvs, &primitive.colors}) {
+      if (numbers->count() != 0 && numbers->count() != count) {
+        place.Fail(fmt::format("expected {} of each attribute", count));
+      }
+    }
+    for (const uint32_t corner : primitive.corners) {
+      if (corner >= count) {
+        place.Fail(fmt::format("expected a vertex index below {}, found {}", count, corner));
+      }
+    }
+    return primitive;
+  }
+
+  void ReadCorners(const JsonPlace& place, uint64_t mode, Primitive& primitive) {
+    std::vector<uint32_t> corners;
+    if (place.Has("indices")) {
+      const JsonPlace indices = place.Member("indices");
+      corners = file_.ReadIndices(indices);
+    } else {
+      corners.resize(primitive.positions.count());
+      for (size_t i = 0; i < corners.size(); ++i) corners[i] = static_cast<uint32_t>(i);
+    }
+    primitive.corners = ToTriangles(mode, std::move(corners));
+  }
+
+  void ReadDraco(const JsonPlace& draco, const std::string& uv_name, Primitive& primitive) {
+    const JsonPlace ids = draco.Member("attributes");
+    std::vector<DracoAttribute> attributes;
+    const auto want = [&](std::string_view name, size_t components, VertexNumbers& numbers) {
+      if (!ids.Has(name)) return;
+      numbers.components = components;
+      attributes.push_back({static_cast<uint32_t>(CountOf(ids, name, 0)), &numbers});
+    };
+    want("POSITION", 3, primitive.positions);
+    want(uv_name, 2, primitive.uvs);
+    want("COLOR_0", 3, primitive.colors);
+    const JsonPlace view = draco.Member("bufferView");
+    try {
+      primitive.corners = DecodeDraco(file_.BytesOfView(view), attributes);
+    } catch (const InputError& error) {
+      draco.Fail(error.what());
+    }
+  }
+
+  void Add(const Primitive& primitive, const Affine3d& root_from_mesh) {
+    const size_t first = mesh_.positions.size();
+    const size_t count = primitive.positions.count();
+    if (first + count >= RawMesh::kNone) throw InputError(path_, "too many vertices");
+    for (size_t i = 0; i < count; ++i) {
+      mesh_.positions.push_back(root_from_mesh * Item<3>(primitive.positions, i));
+    }
+    AddUvs(primitive, first);
+    AddColors(primitive, first);
+    const bool is_mirrored = root_from_mesh.linear().determinant() < 0;
+    for (size_t i = 0; i < primitive.corners.size(); i += 3) {
+      std::array<uint32_t, 3> corners;
+      for (size_t k = 0; k < 3; ++k) {
+        corners[k] = static_cast<uint32_t>(first) + primitive.corners[i + k];
+      }
+      if (is_mirrored) std::swap(corners[1], corners[2]);
+      mesh_.triangles.push_back(corners);
+    }
+    mesh_.triangle_materials.resize(mesh_.triangles.size(),
+                                    primitive.material < mesh_.materials.size()
+                                        ? static_cast<uint32_t>(primitive.material)
+                                        : RawMesh::kNone);
+  }
+
+  // glTF's v goes down.
+  void AddUvs(const Primitive& primitive, size_t first) {
+    if (primitive.uvs.count() == 0) return;
+    mesh_.uvs.resize(first, {0, 0});
+    const Eigen::Affine2d transform = primitive.material < uv_uses_.size()
+                                          ? uv_uses_[primitive.material].uv_transform
+                                          : Eigen::Affine2d::Identity();
+    for (size_t i = 0; i < primitive.uvs.count(); ++i) {
+      const Eigen::Vector2d down = transform * Item<2>(primitive.uvs, i);
+      mesh_.uvs.push_back(Eigen::Vector2d(down.x(), 1 - down.y()).cast<float>());
+    }
+  }
+
+  void AddColors(const Primitive& primitive, size_t first) {
+    if (primitive.colors.count() == 0) return;
+    mesh_.position_colors.resize(first, kWhite);
+    for (size_t i = 0; i < primitive.colors.count(); ++i) {
+      const float* const linear = &primitive.colors.values[primitive.colors.components * i];
+      mesh_.position_colors.push_back(
+          {ByteOfLinear(linear[0]), ByteOfLinear(linear[1]), ByteOfLinear(linear[2])});
+    }
+  }
+
+  const std::filesystem::path& path_;
+  GltfFile file_;
+  const Eigen::Matrix3d z_up_from_gltf_;
+  RawMesh mesh_;
+  std::vector<UvUse> uv_uses_;  // of each material
+  std::map<size_t, int32_t> texture_of_image_;
+  std::vector<bool> is_placed_;  // each node
+};
+
+}  // namespace
+
+Eigen::Matrix3d ZUpFromYUp() {
+  return (Eigen::Matrix3d() << 1, 0, 0, 0, 0, -1, 0, 1, 0).finished();
+}
+
+RawMesh ReadGltf(const std::filesystem::path& path, std::string_view contents, GltfPlace place,
+                 const Eigen::Matrix3d& z_up_from_gltf, std::span<const Affine3d> copies) {
+  return GltfReader(path, contents, place, z_up_from_gltf).Read(copies);
+}
+
+}  // namespace raylift
