@@ -1,6 +1,7 @@
 #include "raylift/sequences/smooth_queries.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <utility>
 
@@ -10,8 +11,10 @@
 #include "estimation/methods/methods.h"
 #include "geometry/pose_json.h"
 #include "io/scene/trajectory_file.h"
+#include "io/text/line_tokens.h"
 #include "localization/results/result_json.h"
 #include "sequences/chain.h"
+#include "sequences/odometry_axes.h"
 #include "sequences/walked_query.h"
 #include <Eigen/Cholesky>
 #include <fmt/format.h>
@@ -111,6 +114,33 @@ std::vector<std::string> WarningsOf(const SmoothedWalk& walk) {
       *walk.contradicting_scale)};
 }
 
+// The camera's direction that an axis of what the odometry moves has.
+std::string_view DirectionOf(const Eigen::Vector3d& axis_in_cam) {
+  constexpr std::array<std::string_view, 6> kNames = {"left",  "up",   "backward",
+                                                      "right", "down", "forward"};
+  Eigen::Index axis = 0;
+  axis_in_cam.cwiseAbs().maxCoeff(&axis);
+  return kNames[static_cast<size_t>(axis + (axis_in_cam[axis] > 0 ? 3 : 0))];
+}
+
+std::optional<std::string> WarningOfAxes(std::span<const WalkEvidence> frames) {
+  const auto better = FindBetterReading(frames);
+  if (!better) return std::nullopt;
+  const auto& [axes, inverted] = better->reading;
+  std::string reading = inverted ? "inverted, world to camera in place of camera to world" : "";
+  if (!axes.isIdentity()) {
+    reading += fmt::format("{}of a camera with x {}, y {}, z {} (cam_from_body = {})",
+                           inverted ? ", and " : "", DirectionOf(axes.col(0)),
+                           DirectionOf(axes.col(1)), DirectionOf(axes.col(2)),
+                           FormatPose(Rigid3{Eigen::Quaterniond(axes), Eigen::Vector3d::Zero()}));
+  }
+  return fmt::format(
+      "the odometry's poses seem to be {}: read so, the directions in which the camera moves and "
+      "turns lie {:.2g} degrees from those of the photographs' poses (median), as they were read "
+      "{:.0f}",
+      reading, better->median_deg, better->median_deg_as_read);
+}
+
 // In the order of their times.
 std::vector<const WalkedQuery*> LocalizedInWalk(const WalkedQueries& walked) {
   std::vector<const WalkedQuery*> sorted;
@@ -182,7 +212,9 @@ WalkedQueries SmoothQueries(std::span<const LocalizedQuery> queries,
   for (const LocalizedQuery& query : queries) walked.queries.push_back({query});
   for (const WalkFrame& frame : walk.frames) walked.queries[frame.query].time_s = frame.time_s;
   walked.warnings = walk.warnings;
-  ToldFrames told = SmoothAll(EvidenceOf(queries, walk), options);
+  const std::vector<WalkEvidence> evidence = EvidenceOf(queries, walk);
+  if (auto warning = WarningOfAxes(evidence)) walked.warnings.push_back(std::move(*warning));
+  ToldFrames told = SmoothAll(evidence, options);
   for (std::string& warning : WarningsOf(told.walk)) walked.warnings.push_back(std::move(warning));
   for (size_t i = 0; i < told.frames.size(); ++i) {
     if (!told.frames[i]) continue;

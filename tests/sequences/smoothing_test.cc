@@ -6,6 +6,7 @@
 #include "base/statistics.h"
 #include "sequences/anchors.h"
 #include "sequences/made_walk.h"
+#include "sequences/odometry_axes.h"
 #include "support/matchers.h"
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
@@ -140,6 +141,53 @@ TEST(SmoothWalk, SaysThatAKnownScaleIsWrong) {
   const SmoothedWalk walk = SmoothWalk(made.frames, OdometryScale::kKnown);
   ASSERT_TRUE(walk.contradicting_scale);
   EXPECT_NEAR(*walk.contradicting_scale, 1e-3, 1e-4);
+}
+
+// What FindBetterReading() makes of the odometry of a walk whose poses were written otherwise.
+std::optional<BetterReading> ReadingOf(MadeWalk made, const Eigen::Matrix3d& body_from_cam,
+                                       bool inverted) {
+  for (WalkEvidence& frame : made.frames) {
+    Rigid3& pose = frame.cam_from_odometry;
+    pose = Rigid3{Eigen::Quaterniond(body_from_cam), Vector3d::Zero()} * pose;
+    if (inverted) pose = pose.Inverse();
+  }
+  return FindBetterReading(made.frames);
+}
+
+TEST(FindBetterReading, NamesTheAxesOfTheCameraAndInvertedPoses) {
+  Rng rng = TestRng();
+  const MadeWalk made = MakeWalk(rng, {});
+  const Eigen::Matrix3d identity = Eigen::Matrix3d::Identity();
+  const Eigen::Matrix3d open_gl = Vector3d(1, -1, -1).asDiagonal();
+  Eigen::Matrix3d robot;  // x forward, y left, z up
+  robot << 0, 0, 1, -1, 0, 0, 0, -1, 0;
+  EXPECT_FALSE(ReadingOf(made, identity, false));
+  for (const Eigen::Matrix3d& body_from_cam : {identity, open_gl, robot}) {
+    for (const bool inverted : {false, true}) {
+      if (body_from_cam == identity && !inverted) continue;
+      const auto better = ReadingOf(made, body_from_cam, inverted);
+      ASSERT_TRUE(better);
+      EXPECT_EQ(better->reading.inverted, inverted);
+      EXPECT_EQ(better->reading.cam_from_body, body_from_cam.transpose());
+      EXPECT_LT(better->median_deg, 10);
+    }
+  }
+}
+
+// Odometry that has nothing to do with the walk is no other reading, and neither is a walk of which
+// too little is known.
+TEST(FindBetterReading, NamesNothingByChance) {
+  Rng rng = TestRng();
+  int named = 0;
+  for (int i = 0; i < 200; ++i) {
+    MadeWalk made = MakeWalk(rng, {.frames = 12});
+    for (WalkEvidence& frame : made.frames) frame.cam_from_odometry = RandomRigid3(rng, 2);
+    named += FindBetterReading(made.frames) ? 1 : 0;
+  }
+  EXPECT_LE(named, 4);
+  MadeWalk few = MakeWalk(rng, {});
+  TakeAway(few, 4, 60);
+  EXPECT_FALSE(ReadingOf(few, Vector3d(1, -1, -1).asDiagonal(), false));
 }
 
 TEST(SmoothWalk, LostOdometryDividesTheWalk) {

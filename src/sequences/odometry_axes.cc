@@ -1,0 +1,120 @@
+#include "sequences/odometry_axes.h"
+
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <vector>
+
+#include "base/statistics.h"
+#include <Eigen/Geometry>
+
+namespace raylift {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+// Directions that chance lets agree with one of 48 readings: half of ten within 30 degrees in one
+// case of a hundred.
+constexpr size_t kLeastDirections = 10;
+constexpr double kMostDeg = 30;
+
+// A step that is this many sigmas long has a direction.
+constexpr double kLeastSigmas = 5;
+
+// Where the camera goes and about what it turns, in the axes of the earlier frame.
+struct Step {
+  Vector3d way;
+  Vector3d turn;
+};
+
+Step StepOf(const Rigid3& later, const Rigid3& earlier) {
+  const Rigid3 step = later * earlier.Inverse();
+  const Eigen::AngleAxisd turn(step.rotation);
+  return {step.OriginInSource(), turn.angle() * turn.axis()};
+}
+
+// All rotations that take axes to axes: the identity first, then the one of OpenGL's cameras.
+std::vector<Matrix3d> AxisRotations() {
+  std::vector<Matrix3d> rotations = {Matrix3d::Identity(),
+                                     Vector3d(1, -1, -1).asDiagonal().toDenseMatrix()};
+  for (int x = 0; x < 6; ++x) {
+    for (int y = 0; y < 6; ++y) {
+      if (x % 3 == y % 3) continue;
+      Matrix3d rotation;
+      rotation.col(0) = (x < 3 ? 1 : -1) * Vector3d::Unit(x % 3);
+      rotation.col(1) = (y < 3 ? 1 : -1) * Vector3d::Unit(y % 3);
+      rotation.col(2) = rotation.col(0).cross(rotation.col(1));
+      rotations.push_back(rotation);
+    }
+  }
+  return rotations;
+}
+
+double DegBetween(const Vector3d& a, const Vector3d& b) {
+  return std::atan2(a.cross(b).norm(), a.dot(b)) * 180 / std::numbers::pi;
+}
+
+// A direction as the frames' own poses say it, and as odometry does, inverted or not.
+struct Direction {
+  Vector3d by_frames;
+  std::array<Vector3d, 2> by_odometry;
+};
+
+std::vector<Direction> DirectionsOf(std::span<const WalkEvidence> frames) {
+  std::vector<Direction> directions;
+  const WalkEvidence* before = nullptr;
+  for (const WalkEvidence& frame : frames) {
+    if (!frame.single || !(frame.single->confidence > 0.5)) continue;
+    if (before != nullptr) {
+      const SinglePose &later = *frame.single, &earlier = *before->single;
+      const Step said = StepOf(later.cam_from_world, earlier.cam_from_world);
+      const Step read = StepOf(frame.cam_from_odometry, before->cam_from_odometry);
+      const Step inverted =
+          StepOf(frame.cam_from_odometry.Inverse(), before->cam_from_odometry.Inverse());
+      const auto variances = (later.covariance + earlier.covariance).diagonal().eval();
+      const auto tells = [](const Vector3d& v, double variance) {
+        return v.squaredNorm() > kLeastSigmas * kLeastSigmas * variance;
+      };
+      if (tells(said.turn, variances.head<3>().sum())) {
+        directions.push_back({said.turn, {read.turn, inverted.turn}});
+      }
+      if (tells(said.way, variances.tail<3>().sum())) {
+        directions.push_back({said.way, {read.way, inverted.way}});
+      }
+    }
+    before = &frame;
+  }
+  return directions;
+}
+
+double MedianDeg(std::span<const Direction> directions, const OdometryReading& reading) {
+  std::vector<double> angles;
+  for (const Direction& direction : directions) {
+    angles.push_back(
+        DegBetween(direction.by_frames,
+                   reading.cam_from_body * direction.by_odometry[reading.inverted ? 1 : 0]));
+  }
+  return UpperMedianOr(std::move(angles), 0);
+}
+
+}  // namespace
+
+std::optional<BetterReading> FindBetterReading(std::span<const WalkEvidence> frames) {
+  const std::vector<Direction> directions = DirectionsOf(frames);
+  if (directions.size() < kLeastDirections) return std::nullopt;
+  const double as_read = MedianDeg(directions, {});
+  BetterReading best{{}, as_read, as_read};
+  for (const bool inverted : {false, true}) {
+    for (const Matrix3d& rotation : AxisRotations()) {
+      const OdometryReading reading{rotation, inverted};
+      const double median = MedianDeg(directions, reading);
+      if (median < best.median_deg) best = {reading, median, as_read};
+    }
+  }
+  // Axes are right angles apart: what is closer to the reading than to others is half of that.
+  if (best.median_deg > kMostDeg || best.median_deg > 0.5 * as_read) return std::nullopt;
+  return best;
+}
+
+}  // namespace raylift
