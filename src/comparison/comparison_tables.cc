@@ -45,10 +45,12 @@ Value MedianMatchError(const std::optional<MatchErrors>& matches) {
   return matches->median_px;
 }
 
-auto OfConsistency(double ImageConsistency::*member) {
-  return [member](const ImageComparison& image) -> Value {
+// `take` has a figure of an image's consistency.
+template <typename Take>
+auto OfConsistency(const Take& take) {
+  return [take](const ImageComparison& image) -> Value {
     if (image.consistency.count == 0) return std::nullopt;
-    return image.consistency.*member;
+    return take(image.consistency);
   };
 }
 
@@ -170,17 +172,11 @@ std::vector<DepthMetric> MakeMetrics() {
       {"in_front_percent", "in front %", Better::kLow, 2,
        Of(&I::deviation, &DepthDeviation::in_front_percent)},
       {"consistent_1_percent", "views agree < 1 %", Better::kHigh, 1,
-       [](const I& image) -> Value {
-         if (image.consistency.count == 0) return std::nullopt;
-         return image.consistency.within_percent[0];
-       }},
+       OfConsistency([](const ImageConsistency& c) { return c.within_percent[0]; })},
       {"consistent_2_percent", "views agree < 2 %", Better::kHigh, 1,
-       [](const I& image) -> Value {
-         if (image.consistency.count == 0) return std::nullopt;
-         return image.consistency.within_percent[1];
-       }},
+       OfConsistency([](const ImageConsistency& c) { return c.within_percent[1]; })},
       {"contradicted_percent", "contradicted %", Better::kLow, 1,
-       OfConsistency(&ImageConsistency::contradicted_percent)},
+       OfConsistency([](const ImageConsistency& c) { return c.contradicted_percent; })},
       {"relative_scale_percent", "scale among views %", Better::kNeither, 2,
        AsPercent(&I::relative_log_scale)},
       {"match_median_px", "match error px", Better::kLow, 2,
