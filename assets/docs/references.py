@@ -15,7 +15,7 @@ def help_of(raylift, *command):
 
 def commands_page(raylift):
     overview = help_of(raylift)
-    names = re.findall(r"^  ([a-z-]+)  +\S", overview, flags=re.MULTILINE)
+    names = re.findall(r"^  ([a-z]+)(?:, [a-z]+)*  +\S", overview, flags=re.MULTILINE)
     parts = ["# Commands", f"```text\n{overview.strip()}\n```"]
     for name in names:
         parts.append(f"## {name}\n\n```text\n{help_of(raylift, name).strip()}\n```")
@@ -26,11 +26,28 @@ def signature(function):
     """As a reader needs it: without `self`, and names of modules that all share."""
     text = ast.unparse(function.args)
     text = re.sub(r"^self(, )?", "", text)
-    for module in ("raylift._types.", "collections.abc.", "typing_extensions.", "numpy.typing.", "typing."):
-        text = text.replace(module, "")
-    text = text.replace("SupportsInt | SupportsIndex", "int").replace("SupportsFloat | SupportsIndex", "float")
-    result = ast.unparse(function.returns).replace("typing.", "").replace("numpy.typing.", "") if function.returns else ""
+    text = without_modules(text).replace("SupportsInt | SupportsIndex", "int")
+    text = text.replace("SupportsFloat | SupportsIndex", "float")
+    result = without_modules(ast.unparse(function.returns)) if function.returns else ""
     return f"({text})" + (f" -> {result}" if result not in ("", "None") else "")
+
+
+def without_modules(text):
+    return re.sub(r"\b(raylift\._\w+|collections\.abc|typing_extensions|numpy\.typing|typing)\.", "", text)
+
+
+def results_of(package):
+    """The dicts that functions return, with those of their members that they have of others."""
+    members, parts = {}, ["## What functions return as dicts"]
+    for node in ast.parse((package / "_results.py").read_text(encoding="utf-8")).body:
+        if not isinstance(node, ast.ClassDef):
+            continue
+        members[node.name] = [line for base in node.bases for line in members.get(ast.unparse(base), [])]
+        members[node.name] += [ast.unparse(line) for line in node.body if isinstance(line, ast.AnnAssign)]
+        if not node.name.startswith("_"):
+            text = "\n".join(members[node.name])
+            parts += [f"### `{node.name}`", ast.get_docstring(node) or "", f"```text\n{text}\n```"]
+    return parts
 
 
 def documented(name, function, level):
@@ -59,7 +76,7 @@ def python_page(package):
                 parts.append(f"`{member.name}`: " + " ".join((ast.get_docstring(member) or "").split()))
             elif member.name == "__init__" or not member.name.startswith("_"):
                 parts += documented(node.name if member.name == "__init__" else f"{node.name}.{member.name}", member, 3)
-    return "\n\n".join(parts) + "\n"
+    return "\n\n".join([*parts, *results_of(package)]) + "\n"
 
 
 def main():
