@@ -1,16 +1,18 @@
 """Raylift beside what PyPI has for the same work: the same inputs in one process, CPU times and errors.
 
-peers.py [FOLDER...]: poses of PoseLib's estimators, on problems made here or on those in each FOLDER (files of
-the format pose-problem); rays of Open3D and of trimesh with embreex; depth images of pyrender. A peer that is
-not installed, or does not start, is left out with a message. Times are medians of one call; a ratio above 1 is
-slower than Raylift's row, the first.
+peers.py [FOLDER...]: poses of PoseLib's and pycolmap's estimators, on problems made here or on those in each
+FOLDER (files of the format pose-problem), one at a time and in batches; rays of Open3D and of trimesh with
+embreex; depth images of pyrender. A peer that is not installed, or does not start, is left out with a message.
+Times are medians of one call; a ratio above 1 is slower than Raylift's row, the first.
 """
 
 import importlib
+import importlib.metadata
 import json
 import os
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +32,15 @@ def peer(name):
     except Exception as error:  # some fail in ways of their own
         print(f"  {name} is left out: {str(error).splitlines()[0]}")
         return None
+
+
+def print_versions():
+    for name in ("raylift", "numpy", "poselib", "pycolmap", "open3d", "trimesh", "embreex", "pyrender"):
+        try:
+            print(f"  {name} {importlib.metadata.version(name)}")
+        except importlib.metadata.PackageNotFoundError:
+            if name == "raylift":
+                print(f"  raylift {raylift.__version__}")
 
 
 def cpu_ms(call):
@@ -90,6 +101,18 @@ def absolute_of_poselib(poselib, problem):
     return estimate
 
 
+def absolute_of_pycolmap(pycolmap, problem):
+    arrays, camera = arrays_of(problem), pycolmap.Camera(**camera_dict(problem.camera))
+    options = pycolmap.AbsolutePoseEstimationOptions()
+    options.ransac.max_error = THRESHOLDS_PX["max_reproj_error"]
+
+    def estimate():
+        found = pycolmap.estimate_and_refine_absolute_pose(arrays["points2d"], arrays["points3d"], camera, options)
+        return found and found["cam_from_world"]
+
+    return estimate
+
+
 def hybrid_of_poselib(poselib, problem):
     arrays, camera, index = arrays_of(problem), camera_dict(problem.camera), problem.reference_index
     matches, poses, cameras = [], [], []
@@ -122,7 +145,7 @@ def pose_table(title, problems, estimators):
 
 
 def compare_poses(title, problems):
-    poselib = peer("poselib")
+    poselib, pycolmap = peer("poselib"), peer("pycolmap")
     absolute = {
         "raylift p3p": lambda p: of_raylift(arrays_of(p), method="p3p"),
         "raylift p3p, paper": lambda p: of_raylift(arrays_of(p), method="p3p", refinement="paper"),
@@ -134,8 +157,32 @@ def compare_poses(title, problems):
     if poselib:
         absolute["poselib absolute"] = lambda p: absolute_of_poselib(poselib, p)
         hybrid["poselib hybrid"] = lambda p: hybrid_of_poselib(poselib, p)
+    if pycolmap:
+        absolute["pycolmap absolute"] = lambda p: absolute_of_pycolmap(pycolmap, p)
     pose_table(f"2D-3D matches: {title}", problems, absolute)
     pose_table(f"2D-3D and 2D-2D matches: {title}", problems, hybrid)
+    batch = [problem for _, problem in problems] * 5
+    alone = [raylift.PoseProblem(**arrays_of(problem)) for problem in batch]
+    batches = {"raylift estimate_all": lambda: raylift.estimate_all(alone, method="p3p", independent=True)}
+    if poselib:
+        batches["poselib, in threads"] = in_threads([absolute_of_poselib(poselib, p) for p in batch])
+    if pycolmap:
+        batches["pycolmap, in threads"] = in_threads([absolute_of_pycolmap(pycolmap, p) for p in batch])
+    rows = []
+    for name, call in batches.items():
+        call()
+        start = time.perf_counter()
+        cpu, _ = cpu_ms(call)
+        rows.append((name, cpu, f"{(time.perf_counter() - start) * 1e3:.1f} ms"))
+    print_table(f"{len(batch)} of these at once, 2D-3D matches, {os.cpu_count()} threads", ["by the clock"], rows)
+
+
+def in_threads(calls):
+    def run():
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            return list(pool.map(lambda call: call(), calls))
+
+    return run
 
 
 # --- rays ---
@@ -233,6 +280,7 @@ def render_by_pyrender(mesh, camera, pose):
 
 
 if __name__ == "__main__":
+    print_versions()
     compare_poses("made here", list(made_problems()))
     for folder in sys.argv[1:]:
         compare_poses(folder, list(problems_in(folder)))
