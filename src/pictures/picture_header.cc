@@ -190,6 +190,19 @@ bool HasPictureSignature(std::string_view bytes) {
   return is_webp || is_pnm;
 }
 
+// What photographs are sent as that are none of ours.
+std::string_view OtherFormat(std::string_view bytes) {
+  if (bytes.empty()) return "no bytes";
+  if (bytes.starts_with("GIF8")) return "GIF";
+  if (bytes.starts_with("%PDF")) return "PDF";
+  if (bytes.size() < 12 || bytes.substr(4, 4) != "ftyp") return "something else";
+  const std::string_view brand = bytes.substr(8, 4);
+  if (brand.starts_with("avi")) return "AVIF";
+  const bool is_heif =
+      brand.starts_with("he") || brand.starts_with("mif") || brand.starts_with("msf");
+  return is_heif ? "HEIC" : "a film";
+}
+
 }  // namespace
 
 std::optional<PlaneSize> PictureSizeFromHeader(std::istream& file) {
@@ -207,7 +220,8 @@ std::optional<PlaneSize> PictureSizeFromHeader(std::istream& file) {
 
 std::optional<std::string> WhyNoPicture(std::string_view bytes) {
   if (!HasPictureSignature(bytes)) {
-    return "expected an image (PNG, JPEG, TIFF, BMP, WebP, PNM), found something else";
+    return fmt::format("expected an image (PNG, JPEG, TIFF, BMP, WebP, PNM), found {}",
+                       OtherFormat(bytes));
   }
   std::istringstream file{std::string(bytes)};
   const auto size = PictureSizeFromHeader(file);

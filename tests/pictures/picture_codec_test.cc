@@ -176,8 +176,19 @@ TEST(PictureCodec, WhatIsDamagedIsNamed) {
           << extension << " " << length;
     }
   }
-  EXPECT_TRUE(FailsWithInputError([] { DecodePicture("no image", ImageChannels::kRgb); },
-                                  {"expected an image (PNG, JPEG"}));
+  using namespace std::string_literals;
+  for (const auto& [bytes, found] : {std::pair{"no image"s, "found something else"},
+                                     {""s, "found no bytes"},
+                                     {"\0\0\0\x18"s
+                                      "ftypheic\0\0\0\0mif1heic"s,
+                                      "found HEIC"},
+                                     {"\0\0\0\x20"s
+                                      "ftypavif\0\0\0\0"s,
+                                      "found AVIF"},
+                                     {"GIF89a"s, "found GIF"}}) {
+    EXPECT_TRUE(FailsWithInputError([&] { DecodePicture(bytes, ImageChannels::kRgb); },
+                                    {"expected an image (PNG, JPEG", found}));
+  }
 }
 
 }  // namespace
