@@ -53,10 +53,10 @@ double ParseBetween(std::string_view option, const std::string& text, double lea
   throw OptionError(option, text, fmt::format("must lie between {} and {}", least, most));
 }
 
-double ParseSeconds(std::string_view option, const std::string& text) {
-  constexpr double kShortest = 0.001, kDay = 86'400;
+double ParseSeconds(std::string_view option, const std::string& text, double shortest) {
+  constexpr double kDay = 86'400;
   return ParseBetween(option, text.ends_with('s') ? text.substr(0, text.size() - 1) : text,
-                      kShortest, kDay);
+                      shortest, kDay);
 }
 
 // The name in the file, else the file's folder or its own name.
@@ -153,8 +153,12 @@ void AddServerOptions(CLI::App& command, ServeFlags& flags) {
             "Origin of web pages that may ask from browsers (https://example.org)");
   group.Add("--keep", server.keep, "Folder to keep photographs and answers in (default: none)");
   const OptionGroup limit(command, "Limits");
-  const auto add_time = [&](const char* name, double& seconds, const char* help) {
-    limit.AddParsed(name, seconds, &ParseSeconds, help, fmt::format("{}s", seconds));
+  const auto add_time = [&](const char* name, double& seconds, const char* help,
+                            double shortest = 0.001) {
+    const auto parse = [shortest](std::string_view option, const std::string& text) {
+      return ParseSeconds(option, text, shortest);
+    };
+    limit.AddParsed(name, seconds, parse, help, fmt::format("{}s", seconds));
   };
   const auto add_size = [&](const char* name, uint64_t& size, uint64_t unit, const char* help) {
     const auto parse = [unit](std::string_view option, const std::string& text) {
@@ -170,6 +174,10 @@ void AddServerOptions(CLI::App& command, ServeFlags& flags) {
   add_time("--header-deadline", limits.header_s,
            "Time for a request's header, and of a connection without one");
   add_time("--body-deadline", limits.body_s, "Time for a request's body");
+  add_time("--drain-delay", flags.server.drain_s,
+           "Time that /readyz says that it ends, at SIGTERM, before no more requests\n"
+           "are taken: a proxy asks others meanwhile",
+           0);
   limit.Add("--max-queue", limits.queue,
             "Photographs that wait for a thread; further ones are refused (429), and\n"
             "so are those that would wait for more than half of --deadline");

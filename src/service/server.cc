@@ -83,6 +83,9 @@ class Server::Impl {
     if (!error) acceptor_.set_option(tcp::acceptor::reuse_address(true), error);
     if (!error) acceptor_.bind(asked, error);
     if (!error) acceptor_.listen(asio::socket_base::max_listen_connections, error);
+    if (error == boost::system::errc::address_not_available) {
+      throw OptionError("listen", options.listen, "is no address of this machine");
+    }
     if (error) {
       throw OptionError("port", std::to_string(options.port),
                         fmt::format("{} at {}", error.message(), options.listen));
@@ -173,13 +176,25 @@ class Server::Impl {
       Reopen();
     } else if (shared_.is_draining) {
       shared_.io.stop();
+    } else if (std::exchange(shared_.is_ready, false) && shared_.options.drain_s > 0) {
+      DrainLater();
     } else {
       Drain();
     }
   }
 
+  void DrainLater() {
+    drain_.expires_after(std::chrono::duration_cast<asio::steady_timer::duration>(
+        std::chrono::duration<double>(shared_.options.drain_s)));
+    drain_.async_wait([this](error_code error) {
+      if (!error) Drain();
+    });
+  }
+
   void Drain() {
     if (std::exchange(shared_.is_draining, true)) return;
+    shared_.is_ready = false;
+    drain_.cancel();
     error_code ignored;
     acceptor_.close(ignored);
     accept_again_.cancel();
@@ -228,7 +243,7 @@ class Server::Impl {
   tcp::acceptor acceptor_;
   asio::signal_set signals_;
   std::weak_ptr<bool> accepting_;  // expired: no handler waits for a connection
-  asio::steady_timer accept_again_{shared_.io};
+  asio::steady_timer accept_again_{shared_.io}, drain_{shared_.io};
   asio::executor_work_guard<asio::io_context::executor_type> working_{shared_.io.get_executor()};
   std::thread reopening_;
   std::atomic<int> reopenings_asked_ = 0;

@@ -69,6 +69,9 @@ struct ServerOptions {
   // Signs what clients carry of their walks: replicas of one service have the same. Empty: a random
   // one, so that no other process takes these tokens.
   std::filesystem::path session_key = {};
+  // Seconds from SIGTERM until no more requests are taken; meanwhile /readyz says that it ends, so
+  // that a proxy asks others.
+  double drain_s = 0;
   std::filesystem::path keep = {};  // folder for photographs and answers; empty: none is kept
   std::string cors_origin = {};     // of pages that browsers may use it from; empty: none
   std::function<void(const std::string& message)> log = {};  // from any thread
