@@ -462,7 +462,9 @@ Service::BatchLine Service::Next(Batch& batch, const AnswerWatch& watch) {
       if (tokens_ && index > 0) {
         tokens_->Admit(batch.request.authorization, AnswerWatch::Clock::now());
       }
-      LocalizeRequest read = ReadBatchEntry(batch.photographs, index, options_.limits.pixels);
+      LocalizeRequest read = ReadTimed(metrics_, [&] {
+        return ReadBatchEntry(batch.photographs, index, options_.limits.pixels);
+      });
       return BatchLine{.text = batch.scene->Line(Run(*batch.scene, std::move(read), watch)) + '\n',
                        .is_of_photograph = true};
     });

@@ -4,15 +4,15 @@ import base64
 import functools
 import json
 import operator
-import random
 import re
+import socket
 import subprocess
 import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from served import DEMO, QUERIES, RAYLIFT, SCENE, Server, form, photograph, query_form
+from served import DEMO, QUERIES, RAYLIFT, SCENE, Server, form, lines_of, photograph, query_form
 
 
 @pytest.fixture(scope="module")
@@ -44,13 +44,7 @@ def problem(answer, status, field=None):
 
 
 def test_answers_are_those_of_the_command_line_to_8_clients_at_once(run, server):
-    lines = {json.loads(line)["name"]: line for line in (run / "queries.jsonl").read_text().splitlines()}
-    assert len(lines) == len(QUERIES)
-    asked = sorted(QUERIES) * 2
-    random.Random(0).shuffle(asked)
-    with ThreadPoolExecutor(8) as clients:
-        for name, answer in zip(asked, clients.map(server.localize, asked)):
-            assert answer == lines[name]
+    assert server.answer_8_at_once({name: query_form(name) for name in QUERIES}) == lines_of(run)
 
 
 def test_a_photograph_alone_has_an_unknown_focal_length(server):
@@ -70,6 +64,11 @@ def test_json_holds_the_image_in_base64(run, server):
 
 def test_what_it_is_and_holds(server):
     assert server.ask("/healthz")[0] == server.ask("/readyz")[0] == 200
+    with pytest.raises(ConnectionRefusedError):  # it listens on 127.0.0.1 alone
+        socket.create_connection(("127.0.0.2", server.address[1]))
+    other = {"Origin": "https://a.example"}
+    assert server.ask("/healthz", headers=other)[1]["Access-Control-Allow-Origin"] is None
+    assert server.ask("/v1/localize", headers=other, method="OPTIONS")[0] == 405
     scenes = json.loads(server.ask("/v1/scenes")[2])["scenes"]
     assert scenes == [{"name": "demo", "references": len(list((DEMO / "images/ref").iterdir())),
                        "geometry": ["mesh"], "calibrated": True}]

@@ -7,9 +7,8 @@ import subprocess
 import pytest
 
 import raylift
-from served import DEMO, QUERIES, RAYLIFT, SCENE, Server, form
+from served import DEMO, FAST, QUERIES, RAYLIFT, SCENE, Server, form, lines_of
 
-FAST = ("--method", "p3p", "--max-features", "512", "--align-depth", "off", "--filter", "off")
 NAMES = sorted(QUERIES)
 BLANK = NAMES[4]  # shows nothing, so that the walk alone tells its pose
 
@@ -36,8 +35,7 @@ def walk(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def lines(walk):
-    """Of queries.jsonl, by name."""
-    return {json.loads(line)["name"]: line for line in (walk / "run/queries.jsonl").read_text().splitlines()}
+    return lines_of(walk / "run")
 
 
 def serve(walk, key="key", scene=SCENE):
