@@ -6,17 +6,15 @@ import re
 import signal
 import socket
 import struct
-import subprocess
 import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
 import raylift
-from served import QUERIES, RAYLIFT, SCENE, Server, form, photograph, query_form
+from served import FAST, QUERIES, SCENE, Server, form, photograph, query_form
 
 NAMES = sorted(QUERIES)
-FAST = ("--method", "p3p", "--max-features", "512", "--align-depth", "off", "--filter", "off")
 TOKEN = {"Authorization": "Bearer secret"}
 HEAD = "POST /v1/localize HTTP/1.1\r\nHost: a\r\nAuthorization: Bearer secret\r\n"
 
@@ -180,6 +178,13 @@ def test_bodies_are_limited_however_they_come(server):
     assert status_of(server.raw(b"GET / HTTP/1.1\r\nA: " + b"a" * 100000 + b"\r\n\r\n")) == 431
 
 
+def test_bodies_are_limited_together(folder):
+    with Server(*FAST, "--cache", folder / "cache", "--max-held-mb", "0.1") as server:
+        status, headers, told = server.ask("/v1/localize", b" " * 200_000, {"Content-Type": "application/json"})
+        assert status == 503 and headers["Retry-After"] == "1" and b"bodies" in told
+        assert ask(server, NAMES[0])[0] == 200
+
+
 def test_pipelined_requests_are_answered_in_their_order(server):
     body, of_form = query_form(NAMES[0])
     one = (HEAD + f"Content-Type: {of_form['Content-Type']}\r\nContent-Length: {len(body)}\r\n\r\n").encode() + body
@@ -236,24 +241,26 @@ def test_a_client_asks_from_python(server):
         raylift.Client("http://127.0.0.1:9").scenes()
 
 
+def test_work_for_a_client_that_has_gone_is_dropped(folder):
+    body, of_form = query_form(NAMES[0])
+    sent = (HEAD + f"Content-Type: {of_form['Content-Type']}\r\nContent-Length: {len(body)}\r\n\r\n").encode() + body
+    with Server(*FAST, "--cache", folder / "cache", "--threads", "1") as server:
+        def gauge(name):
+            metrics = server.ask("/metrics")[2].decode()
+            return sum(float(line.rsplit(" ", 1)[1]) for line in metrics.splitlines() if line.startswith(name))
+
+        for _ in range(8):
+            with socket.create_connection(server.address) as connection:
+                connection.sendall(sent)
+        assert ask(server, NAMES[0])[0] == 200  # behind all of them
+        assert gauge('raylift_requests_total{route="/v1/localize",status="503"}') >= 6
+        assert 1 <= gauge("raylift_verdicts_total") <= 3  # the first may have been begun
+
+
 def test_work_is_given_up_at_the_deadline(folder):
     with Server(*FAST, "--cache", folder / "cache", deadline="0.001s") as server:
         status, headers, answer = server.ask("/v1/localize", *query_form(NAMES[0]))
         assert status == 503 and headers["Retry-After"] == "1" and "in time" in json.loads(answer)["detail"]
-
-
-def test_the_ready_files_name_options_that_there_are():
-    known = subprocess.run([RAYLIFT, "serve", "--help"], capture_output=True, text=True, check=True).stdout
-    folder = SCENE.parents[1] / "serve"
-    used = {}
-    for name in ("raylift.service", "compose.yaml", "kubernetes.yaml"):
-        used[name] = set(re.findall(r"--[a-z][a-z-]+", (folder / name).read_text()))
-        assert used[name] >= {"--scene-calibration", "--cache", "--tokens", "--session-key"}
-        assert all(f"  {option} " in known for option in used[name]), used[name]
-    yaml = pytest.importorskip("yaml")
-    kinds = [part["kind"] for part in yaml.safe_load_all((folder / "kubernetes.yaml").read_text())]
-    assert kinds == ["Deployment", "Service", "HorizontalPodAutoscaler"]
-    assert set(yaml.safe_load((folder / "compose.yaml").read_text())["services"]) == {"raylift", "caddy"}
 
 
 def test_sighup_opens_the_scenes_anew(folder):
@@ -264,6 +271,12 @@ def test_sighup_opens_the_scenes_anew(folder):
     scene.write_text(text.replace("mesh:scene.obj", f"mesh:{SCENE.parent / 'scene.obj'}"))
     with Server(*FAST, "--cache", folder / "cache", scenes=[scene]) as server:
         before = server.ask("/v1/localize?scene=demo", *query_form(NAMES[0]))[2]
+        with ThreadPoolExecutor(4) as clients:
+            answers = [clients.submit(server.localize, NAMES[0]) for _ in range(24)]
+            for _ in range(3):
+                server.process.send_signal(signal.SIGHUP)
+                server.wait_until_told("opened anew")
+            assert {answer.result() for answer in answers} == {before.decode()}
         scene.write_text(scene.read_text().replace('name = "demo"', 'name = "other"'))
         server.process.send_signal(signal.SIGHUP)
         while b"other" not in server.ask("/v1/scenes")[2]:
