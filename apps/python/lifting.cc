@@ -3,6 +3,12 @@
 #include <algorithm>
 #include <limits>
 #include <map>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include "apps/python/conversions.h"
 #include "apps/python/geometry_source.h"
@@ -10,6 +16,7 @@
 #include "lifting/depth_convention.h"
 #include "lifting/fields.h"
 
+#include "raylift/base/parallel.h"
 #include "raylift/base/text.h"
 #include "raylift/lifting/depth_source.h"
 #include "raylift/lifting/lifter.h"
@@ -50,6 +57,20 @@ py::dict ToDict(const SurfacePoints& points) {
   return dict;
 }
 
+// In blocks, between which the call can be ended.
+SurfacePoints LiftInBlocks(const GeometrySource& source, const PosedImage& reference,
+                           std::span<const Eigen::Vector2d> pixels) {
+  constexpr size_t kBlock = size_t{1} << 17;
+  SurfacePoints points;
+  do {
+    if (CallWatch* const watch = CallWatch::Current()) watch->Check();
+    const auto some = source.Lift(
+        reference, pixels.subspan(points.size(), std::min(kBlock, pixels.size() - points.size())));
+    points.insert(points.end(), some.begin(), some.end());
+  } while (points.size() < pixels.size());
+  return points;
+}
+
 constexpr const char* kLiftDoc =
     R"(The surface points that pixels (N, 2) of a reference show. A dict: points and normals (N, 3) in
 the world (unit, toward the camera), NaN where there is no surface; and (N,) each: depth along
@@ -61,7 +82,7 @@ py::dict LiftPixels(const GeometrySource& source, const PosedImageLike& referenc
                     const ArrayLike& pixels) {
   const PosedImage image = ToPosedImage(reference);
   const auto keypoints = Rows<2>(pixels, "pixels").ToVector();
-  return ToDict(WithoutLock([&] { return source.Lift(image, keypoints); }));
+  return ToDict(WithoutLock([&] { return LiftInBlocks(source, image, keypoints); }));
 }
 
 // Depth maps from memory, by the names of their references.
@@ -232,7 +253,7 @@ class Lifter {
     for (size_t s = 0; s < sources_.size() && !left.empty(); ++s) {
       std::vector<Eigen::Vector2d> asked;
       for (const size_t i : left) asked.push_back(pixels[i]);
-      const SurfacePoints lifted = sources_[s]->Lift(reference, asked);
+      const SurfacePoints lifted = LiftInBlocks(*sources_[s], reference, asked);
       for (size_t k = 0; k < left.size(); ++k) {
         if (!lifted[k]) continue;
         points[left[k]] = lifted[k];

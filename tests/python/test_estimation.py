@@ -364,6 +364,35 @@ except KeyboardInterrupt:
     assert run.stdout == "stopped\n", run.stderr
 
 
+@pytest.mark.parametrize("call", ["caster.render(camera, pose, ['depth', 'normals'], supersampling=4)",
+                                  "caster.cast([[0, 0, 1]], random.normal(size=(4000000, 3)))",
+                                  "raylift.Geometry(mesh).lift(('PINHOLE 400 400 300 300 200 200', pose), pixels)",
+                                  "raylift.Lifter(mesh).lift(('PINHOLE 400 400 300 300 200 200', pose), pixels)"])
+def test_ctrl_c_ends_long_work_on_meshes(call):
+    script = f"""
+import os, signal, time, threading
+import numpy as np, raylift
+signal.signal(signal.SIGINT, signal.default_int_handler)
+random = np.random.default_rng(0)
+mesh = raylift.Mesh.read(os.environ["RAYLIFT_SOURCE"] + "/assets/demo/scene.obj")
+caster, camera, pose = raylift.RayCaster(mesh), "PINHOLE 4000 4000 3000 3000 2000 2000", raylift.Rigid3()
+pixels = random.uniform(0, 400, (4000000, 2))
+asked = []
+def ask():
+    asked.append(time.process_time())
+    os.kill(os.getpid(), signal.SIGINT)
+threading.Timer(0.3, ask).start()
+try:
+    while True:
+        {call}
+except KeyboardInterrupt:
+    assert time.process_time() - asked[0] < 1.5
+    print("stopped")
+"""
+    run = subprocess.run([sys.executable, "-c", script], text=True, capture_output=True, timeout=100)
+    assert run.stdout == "stopped\n", run.stderr
+
+
 def test_minimal_solvers_find_the_pose_among_few():
     problem = Problem(noise_px=0, wrong=0)
     truth, points = problem.truth, problem.points3d
