@@ -22,6 +22,8 @@ REPAIRS = [
     (r"abc\.Iterator(?!\[)", "abc.Iterator[typing.Any]"),
     (r"(def __eq__\(self, other: )typing\.Any", r"\1object"),
     (r"(def __array__\(.*-> )typing\.Any", r"\1numpy.typing.NDArray[typing.Any]"),
+    # A pose has __array__, but is told from arrays first.
+    (r"(def __mul__\(self, other: Rigid3\) -> Rigid3:)", r"\1  # pyright: ignore[reportOverlappingOverload]"),
     (r"\*args,", "*args: raylift._types.GeometryLike,"),
     (r"(?m)^import raylift\._types$", "import raylift._results\nimport raylift._types"),
     (r"(?m)^import typing$", "import typing\nimport typing_extensions"),

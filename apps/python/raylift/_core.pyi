@@ -132,7 +132,7 @@ class Rigid3:
     def __matmul__(self, other: Rigid3) -> Rigid3:
         ...
     @typing.overload
-    def __mul__(self, other: Rigid3) -> Rigid3:
+    def __mul__(self, other: Rigid3) -> Rigid3:  # pyright: ignore[reportOverlappingOverload]
         ...
     @typing.overload
     def __mul__(self, other: numpy.typing.ArrayLike) -> numpy.typing.NDArray[numpy.float64]:

@@ -20,8 +20,8 @@ class RayHits(TypedDict):
     barycentric: NDArray[float64]
 
 
-class Pictures(TypedDict, total=False):
-    """Of RayCaster.render(), the products that were asked for."""
+class Pictures(TypedDict):
+    """Of RayCaster.render(): those of these that were asked for."""
 
     depth: NDArray[float32]
     distance: NDArray[float32]
@@ -35,8 +35,8 @@ class Pictures(TypedDict, total=False):
     mask: NDArray[uint8]
 
 
-class ViewScores(TypedDict, total=False):
-    """Of RayCaster.score_views(), one number for each pose."""
+class ViewScores(TypedDict):
+    """Of RayCaster.score_views(), one number for each pose: by those of these that were given."""
 
     mask: NDArray[float64]
     depth: NDArray[float64]
