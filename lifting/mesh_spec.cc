@@ -287,7 +287,7 @@ MeshSpec ParseMeshSpec(const std::string& spec, MeshUse use) {
       OpenKeys(spec, mesh.is_height_field ? kHeightFieldPrefix : kPrefix, FormOf(use), use, known);
   TakeSurfaceKeys(keys, mesh);
   if (mesh.is_height_field) {
-    mesh.orthophoto = keys.Take("ortho");
+    mesh.orthophotos = keys.Take("ortho");
   } else {
     mesh.level_of_detail = keys.TakeNumber("lod", 0);
     mesh.tiles = TakeTileOptions(keys);
@@ -329,7 +329,7 @@ std::vector<std::filesystem::path> FilesOf(const MeshSpec& spec) {
 }
 
 TriangleMesh OpenMesh(const MeshSpec& spec, const std::filesystem::path& file, int threads) {
-  return Placed(spec.is_height_field ? ReadHeightField(file, spec.orthophoto)
+  return Placed(spec.is_height_field ? ReadHeightField(file.string(), spec.orthophotos)
                                      : ReadMesh(file, ReadOptionsOf(spec, threads)),
                 spec.placement);
 }

@@ -68,10 +68,10 @@ class SpecKeys {
 // who lift from them or render them.
 
 struct MeshSpec {
-  std::string files;  // as ListMeshFiles takes them; the file of a height field
+  std::string files;  // as ListMeshFiles takes them
   bool is_height_field = false;
-  std::optional<std::filesystem::path> orthophoto = std::nullopt;  // of a height field
-  std::optional<double> level_of_detail = std::nullopt;            // of city models
+  std::optional<std::string> orthophotos = std::nullopt;  // of a height field, named likewise
+  std::optional<double> level_of_detail = std::nullopt;   // of city models
   // How the acceleration structure is built, where the specification says it. What is not said is
   // low for lifting, which casts few rays, and medium for rendering.
   std::optional<RayCasterOptions::BuildQuality> build = std::nullopt;

@@ -17,8 +17,9 @@ inline constexpr int kMaxImageSidePx = 1 << 20;
 /// Pixels of one depth map: 1 GB as floats.
 inline constexpr uint64_t kMaxDepthMapPixels = uint64_t{1} << 28;
 
-/// Heights of one surface model, each a vertex and two triangles.
+/// Heights of one surface model, each a vertex and two triangles, and pixels of its orthophoto.
 inline constexpr uint64_t kMaxHeights = uint64_t{1} << 26;
+inline constexpr uint64_t kMaxOrthophotoPixels = uint64_t{1} << 30;
 
 /// Bytes that Deflate makes of one byte at most (zlib's technical notes): PNG, NPZ, HDF5, EXR.
 inline constexpr size_t kMaxDeflateRatio = 1032;

@@ -1,4 +1,4 @@
-// Surface models: heights on a grid, from GeoTIFF files.
+// Surface models: heights on a grid, from a GeoTIFF file or several that lie on one grid.
 
 #include <algorithm>
 #include <array>
@@ -12,6 +12,7 @@
 #include "base/input_paths.h"
 #include "base/read_limits.h"
 #include "pictures/codecs.h"
+#include "surfaces/input_files.h"
 #include "surfaces/raw_mesh.h"
 #include <Eigen/Geometry>
 #include <fmt/format.h>
@@ -118,13 +119,16 @@ void RequireMeters(const path& file, const GeoTiffTags& tags) {
 }
 
 struct OpenedTiff {
+  path file;
   std::string bytes;
   TiffHeader header;
   Affine2d world_from_image;
+  // Of the mosaic that it is a part of: the column and row of its first pixel.
+  size_t column = 0, row = 0;
 };
 
 OpenedTiff OpenTiff(const path& file) {
-  OpenedTiff tiff{.bytes = ReadFile(file), .header = {}, .world_from_image = {}};
+  OpenedTiff tiff{.file = file, .bytes = ReadFile(file), .header = {}, .world_from_image = {}};
   try {
     tiff.header = ReadTiffHeader(tiff.bytes);
   } catch (const std::runtime_error& error) {
@@ -135,9 +139,84 @@ OpenedTiff OpenTiff(const path& file) {
   return tiff;
 }
 
+void RequireSameSystem(const OpenedTiff& a, const OpenedTiff& b) {
+  const auto of_a = KeyOf(a.header.place, kProjectedSystem);
+  const auto of_b = KeyOf(b.header.place, kProjectedSystem);
+  if (!of_a || !of_b || of_a == kUserDefined || of_b == kUserDefined || *of_a == *of_b) return;
+  throw InputError(
+      b.file, fmt::format("is in EPSG:{}, but {} is in EPSG:{}", *of_b, a.file.string(), *of_a));
+}
+
+// Files whose pixels lie on one grid.
+struct Mosaic {
+  std::vector<OpenedTiff> parts;  // in the order of their names
+  size_t width = 0, height = 0;
+  Affine2d world_from_image;
+
+  // Copies what the parts have to where it lies: `numbers` of each pixel. Where several have one,
+  // the first is taken for which `is_there`.
+  template <typename T, typename Read, typename IsThere>
+  std::vector<T> Put(size_t numbers, const T& missing, const Read& read,
+                     const IsThere& is_there) const {
+    if (parts.size() == 1) return read(parts.front());
+    std::vector<T> whole(numbers * width * height, missing);
+    for (auto part = parts.rbegin(); part != parts.rend(); ++part) {
+      const std::vector<T> pixels = read(*part);
+      const auto columns = static_cast<size_t>(part->header.size.width_px);
+      for (size_t i = 0; i < pixels.size(); i += numbers) {
+        if (!is_there(pixels[i])) continue;
+        const size_t pixel = i / numbers;
+        const size_t to = (part->row + pixel / columns) * width + part->column + pixel % columns;
+        std::copy_n(&pixels[i], numbers, &whole[numbers * to]);
+      }
+    }
+    return whole;
+  }
+};
+
+// `most`: pixels of the whole.
+Mosaic OpenMosaic(const std::string& names, std::string_view kind, uint64_t most) {
+  constexpr double kMostOffGrid = 0.01;  // of a pixel
+  constexpr auto kTiff = std::to_array<std::string_view>({".tif", ".tiff"});
+  Mosaic mosaic;
+  for (const path& file : ListFiles(names, kTiff, kind)) mosaic.parts.push_back(OpenTiff(file));
+  const OpenedTiff& first = mosaic.parts.front();
+  Eigen::AlignedBox2d box;
+  std::vector<Vector2d> corners;
+  for (const OpenedTiff& part : mosaic.parts) {
+    RequireSameSystem(first, part);
+    const Affine2d in_first = first.world_from_image.inverse() * part.world_from_image;
+    const Vector2d size(part.header.size.width_px, part.header.size.height_px);
+    const Vector2d corner = in_first.translation().array().round();
+    // Its far corner lies on the grid only if its pixels are as large, too.
+    if (!((in_first * size - corner - size).norm() < kMostOffGrid) ||
+        !((in_first.translation() - corner).norm() < kMostOffGrid)) {
+      throw InputError(part.file, fmt::format("its pixels do not lie on the grid of those of {}; "
+                                              "`gdalwarp` with one -tr and -tap for all makes them",
+                                              first.file.string()));
+    }
+    corners.push_back(corner);
+    box.extend(corner).extend(corner + size);
+  }
+  if (!(box.sizes().prod() <= static_cast<double>(most))) {
+    throw InputError(first.file, fmt::format("expected at most {} pixels of all together, found "
+                                             "{:.0f} x {:.0f}; `gdal_translate -srcwin` cuts out a "
+                                             "part",
+                                             most, box.sizes().x(), box.sizes().y()));
+  }
+  for (size_t i = 0; i < corners.size(); ++i) {
+    mosaic.parts[i].column = static_cast<size_t>(corners[i].x() - box.min().x());
+    mosaic.parts[i].row = static_cast<size_t>(corners[i].y() - box.min().y());
+  }
+  mosaic.width = static_cast<size_t>(box.sizes().x());
+  mosaic.height = static_cast<size_t>(box.sizes().y());
+  mosaic.world_from_image = first.world_from_image * Eigen::Translation2d(box.min());
+  return mosaic;
+}
+
 // Heights, NaN where there are none.
-std::vector<float> ReadHeights(const path& file, const OpenedTiff& tiff,
-                               std::vector<std::string>& warnings) {
+std::vector<float> ReadHeights(const OpenedTiff& tiff, std::vector<std::string>& warnings) {
+  const path& file = tiff.file;
   const auto [width, height] = tiff.header.size;
   if (!tiff.header.sample) {
     throw InputError(file,
@@ -145,11 +224,6 @@ std::vector<float> ReadHeights(const path& file, const OpenedTiff& tiff,
                      "64 bits float");
   }
   const uint64_t count = static_cast<uint64_t>(width) * static_cast<uint64_t>(height);
-  if (count > kMaxHeights) {
-    throw InputError(file, fmt::format("expected at most {} heights, found {} x {}; "
-                                       "`gdal_translate -srcwin` cuts out a part",
-                                       kMaxHeights, width, height));
-  }
   if (count > kMaxDeflateRatio * tiff.bytes.size()) {
     throw InputError(file, fmt::format("the file is too short for {} x {} heights", width, height));
   }
@@ -188,10 +262,10 @@ std::vector<float> ReadHeights(const path& file, const OpenedTiff& tiff,
 // The triangles between neighboring heights; the shorter step in height is the diagonal.
 class GridMesh {
  public:
-  GridMesh(const std::vector<float>& heights, PlaneSize size, const Affine2d& world_from_image,
+  GridMesh(const std::vector<float>& heights, size_t width, const Affine2d& world_from_image,
            RawMesh& mesh)
       : heights_(heights),
-        width_(static_cast<size_t>(size.width_px)),
+        width_(width),
         is_mirrored_(world_from_image.linear().determinant() > 0),
         mesh_(mesh),
         vertices_(heights.size(), RawMesh::kNone) {
@@ -240,16 +314,21 @@ class GridMesh {
   std::vector<uint32_t> vertices_;  // of each height; kNone where there is none
 };
 
-// Colors what the orthophoto shows by it.
-void AddOrthophoto(const path& file, const OpenedTiff& tiff, RawMesh& mesh) {
+std::vector<uint8_t> ReadColors(const OpenedTiff& tiff) {
   try {
-    mesh.textures.push_back(DecodePicture(tiff.bytes, ImageChannels::kRgb));
+    return DecodePicture(tiff.bytes, ImageChannels::kRgb).data;
   } catch (const InputError& error) {
-    throw InputError(file, error.what());
+    throw InputError(tiff.file, error.what());
   }
+}
+
+// Colors what the orthophoto shows by it.
+void AddOrthophoto(const Mosaic& ortho, RawMesh& mesh) {
+  mesh.textures.push_back({static_cast<int>(ortho.width), static_cast<int>(ortho.height), 3,
+                           ortho.Put<uint8_t>(3, 0, &ReadColors, [](uint8_t) { return true; })});
   mesh.materials.push_back({.texture = 0, .color_rgb = std::nullopt});
-  const Affine2d image_from_world = tiff.world_from_image.inverse();
-  const Eigen::Array2d size(tiff.header.size.width_px, tiff.header.size.height_px);
+  const Affine2d image_from_world = ortho.world_from_image.inverse();
+  const Eigen::Array2d size(static_cast<double>(ortho.width), static_cast<double>(ortho.height));
   for (const Vector3d& position : mesh.positions) {
     const Eigen::Array2d uv = (image_from_world * position.head<2>()).array() / size;
     mesh.uvs.emplace_back(Vector2d(uv.x(), 1 - uv.y()).cast<float>());
@@ -263,28 +342,29 @@ void AddOrthophoto(const path& file, const OpenedTiff& tiff, RawMesh& mesh) {
     shown += is_shown ? 1 : 0;
     mesh.triangle_materials.push_back(is_shown ? 0 : RawMesh::kNone);
   }
-  if (shown == 0) throw InputError(file, "shows nothing of the surface model: it lies elsewhere");
+  if (shown == 0) {
+    throw InputError(ortho.parts.front().file,
+                     "shows nothing of the surface model: it lies elsewhere");
+  }
 }
 
 }  // namespace
 
-TriangleMesh ReadHeightField(const path& file, const std::optional<path>& orthophoto) {
-  const OpenedTiff tiff = OpenTiff(file);
+TriangleMesh ReadHeightField(const std::string& files,
+                             const std::optional<std::string>& orthophotos) {
+  const Mosaic model = OpenMosaic(files, "GeoTIFF", kMaxHeights);
+  const path& file = model.parts.front().file;
   RawMesh mesh;
-  const std::vector<float> heights = ReadHeights(file, tiff, mesh.warnings);
-  GridMesh(heights, tiff.header.size, tiff.world_from_image, mesh).AddTriangles();
+  const std::vector<float> heights = model.Put<float>(
+      1, std::numeric_limits<float>::quiet_NaN(),
+      [&](const OpenedTiff& part) { return ReadHeights(part, mesh.warnings); },
+      [](float height) { return !std::isnan(height); });
+  GridMesh(heights, model.width, model.world_from_image, mesh).AddTriangles();
   if (mesh.triangles.empty()) throw InputError(file, "has no neighboring heights");
-  if (orthophoto) {
-    const OpenedTiff picture = OpenTiff(*orthophoto);
-    const auto system = KeyOf(tiff.header.place, kProjectedSystem);
-    const auto of_picture = KeyOf(picture.header.place, kProjectedSystem);
-    const bool may_differ =
-        !system || !of_picture || system == kUserDefined || of_picture == kUserDefined;
-    if (!may_differ && *system != *of_picture) {
-      throw InputError(*orthophoto, fmt::format("is in EPSG:{}, but {} is in EPSG:{}", *of_picture,
-                                                file.string(), *system));
-    }
-    AddOrthophoto(*orthophoto, picture, mesh);
+  if (orthophotos) {
+    const Mosaic ortho = OpenMosaic(*orthophotos, "GeoTIFF", kMaxOrthophotoPixels);
+    RequireSameSystem(model.parts.front(), ortho.parts.front());
+    AddOrthophoto(ortho, mesh);
   }
   return FinishMesh(file, std::move(mesh));
 }

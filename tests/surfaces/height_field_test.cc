@@ -257,6 +257,67 @@ TEST_F(HeightField, OrthophotoIsItsTexture) {
                                   {"ortho.tif: is in EPSG:32633, but"}));
 }
 
+// A field of 6 x 4 heights, or a part of it from a column and a row on.
+TiffWriter PartOfField(uint32_t column, uint32_t row, uint32_t width, uint32_t height) {
+  std::vector<float> heights;
+  for (uint32_t y = row; y < row + height; ++y) {
+    for (uint32_t x = column; x < column + width; ++x) {
+      heights.push_back(static_cast<float>(x * x + 7 * y));
+    }
+  }
+  TiffWriter tiff(width, height, BytesOf(heights), false);
+  tiff.Doubles(33550, {0.5, 0.5, 0});
+  tiff.Doubles(33922, {0, 0, 0, kEast + 0.5 * column, kNorth - 0.5 * row, 0});
+  tiff.Keys(1, 1, 32632);
+  return tiff;
+}
+
+TEST_F(HeightField, FilesOfOneGridAreOneSurface) {
+  const TriangleMesh whole = Read(PartOfField(0, 0, 6, 4));
+  const auto tiles = folder_ / "tiles";
+  std::filesystem::create_directories(tiles);
+  PartOfField(0, 0, 3, 4).Write(tiles / "a.tif");
+  PartOfField(2, 0, 4, 2).Write(tiles / "b.tif");  // overlaps the first
+  PartOfField(3, 2, 3, 2).Write(tiles / "c.TIF");
+  for (const std::string& files : {tiles.string(), (tiles / "*.[tT]*").string()}) {
+    const TriangleMesh mesh = ReadHeightField(files);
+    EXPECT_EQ(Corners(mesh), Corners(whole));
+    EXPECT_EQ(mesh.triangles.size(), whole.triangles.size());
+  }
+  std::filesystem::remove(tiles / "c.TIF");
+  EXPECT_EQ(ReadHeightField(tiles).vertices.size(), 18u);  // 24 less 6 of the missing part
+
+  // Two pictures side by side, one texture.
+  const auto pictures = folder_ / "pictures";
+  std::filesystem::create_directories(pictures);
+  Picture(kEast).Write(pictures / "a.tif");
+  Picture(kEast + 1.5).Write(pictures / "b.tif");
+  const TriangleMesh colored = ReadHeightField(tiles, pictures);
+  ASSERT_EQ(colored.textures.size(), 1u);
+  EXPECT_EQ(colored.textures[0].width_px, 4);
+  EXPECT_EQ(colored.textures[0].Pixel(2, 0)[0], 255);
+  EXPECT_EQ(colored.textures[0].Pixel(3, 0)[2], 255);
+
+  const auto expect_error = [&](TiffWriter tiff, const std::string& message) {
+    tiff.Write(tiles / "z.tif");
+    EXPECT_TRUE(FailsWithInputError([&] { ReadHeightField(tiles); }, {"z.tif: " + message}));
+  };
+  TiffWriter shifted = PartOfField(3, 2, 3, 2);
+  shifted.Doubles(33922, {0, 0, 0, kEast + 1.6, kNorth - 1, 0});
+  expect_error(shifted, "its pixels do not lie on the grid of those of");
+  TiffWriter coarser = PartOfField(3, 2, 3, 2);
+  coarser.Doubles(33550, {0.51, 0.51, 0});
+  expect_error(coarser, "its pixels do not lie on the grid of those of");
+  TiffWriter elsewhere = PartOfField(3, 2, 3, 2);
+  elsewhere.Keys(1, 1, 32633);
+  expect_error(elsewhere, "is in EPSG:32633, but");
+  TiffWriter far = PartOfField(3, 2, 3, 2);
+  far.Doubles(33922, {0, 0, 0, kEast + 1e6, kNorth - 1e6, 0});
+  far.Write(tiles / "z.tif");
+  EXPECT_TRUE(
+      FailsWithInputError([&] { ReadHeightField(tiles); }, {"pixels of all together, found"}));
+}
+
 TEST_F(HeightField, BadFilesAreNamed) {
   TiffWriter degrees = SmallField();
   degrees.Keys(2, 1, 4326);

@@ -52,12 +52,14 @@ struct MeshReadOptions {
 // point cloud says so).
 TriangleMesh ReadMesh(const std::filesystem::path& path, const MeshReadOptions& options = {});
 
-// Reads a surface model (DSM, DTM): a GeoTIFF of heights on a grid in a projected system, as the
-// triangles between neighboring heights, x and y the system's, z the height. Cells without data are
-// holes. `orthophoto`, a GeoTIFF of the same system, is its texture. InputError naming the file
-// where it does not say where its pixels lie, is in degrees, or the two lie in different places.
-TriangleMesh ReadHeightField(const std::filesystem::path& path,
-                             const std::optional<std::filesystem::path>& orthophoto = std::nullopt);
+// Reads a surface model (DSM, DTM): GeoTIFF files of heights on one grid in a projected system, named
+// as ListMeshFiles has it, as the triangles between neighboring heights, x and y the system's, z the
+// height. Cells without data are holes; where files overlap, the first counts. `orthophotos` of the
+// same system, on a grid of their own, are its texture. InputError naming the file where it does not
+// say where its pixels lie, is in degrees, not on the grid of the others, or the two lie in
+// different places.
+TriangleMesh ReadHeightField(const std::string& files,
+                             const std::optional<std::string>& orthophotos = std::nullopt);
 
 // The same from memory. Colors are one per vertex, or none at all. InputError where an index is out
 // of range, the counts differ, or no triangle is left.
