@@ -33,13 +33,13 @@ inline constexpr int64_t kMaxDatabaseRows = int64_t{1} << 28;
 /// Values of one field of a PCD point; more is no descriptor of a point.
 inline constexpr uint64_t kMaxPcdFieldValues = uint64_t{1} << 16;
 
-/// Objects and lists in each other in the JSON of a glTF file.
-inline constexpr int kMaxJsonNesting = 100;
-
-/// Nodes below each other: of a glTF file, whose importer calls itself for each, and as assimp gives
-/// those of any file.
+/// Nodes below each other: of a glTF file, and as assimp gives those of any file.
 inline constexpr size_t kMaxGltfNodeNesting = 500;
 inline constexpr int kMaxNodeNesting = 1000;
+
+/// Meshes that the nodes and instances of a glTF file place, and their vertices and triangles.
+inline constexpr size_t kMaxPlacedMeshes = size_t{1} << 22;
+inline constexpr size_t kMaxPlacedParts = size_t{1} << 29;
 
 /// Tiles of a tileset, in each other, and those that name one file; levels of implicit trees.
 inline constexpr int kMaxTiles = 1 << 20;

@@ -1,5 +1,6 @@
 #include "sequences/odometry_axes.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <numbers>
@@ -34,10 +35,9 @@ Step StepOf(const Rigid3& later, const Rigid3& earlier) {
   return {step.OriginInSource(), turn.angle() * turn.axis()};
 }
 
-// All rotations that take axes to axes: the identity first, then the one of OpenGL's cameras.
+// All rotations that take axes to axes.
 std::vector<Matrix3d> AxisRotations() {
-  std::vector<Matrix3d> rotations = {Matrix3d::Identity(),
-                                     Vector3d(1, -1, -1).asDiagonal().toDenseMatrix()};
+  std::vector<Matrix3d> rotations;
   for (int x = 0; x < 6; ++x) {
     for (int y = 0; y < 6; ++y) {
       if (x % 3 == y % 3) continue;
@@ -73,15 +73,15 @@ std::vector<Direction> DirectionsOf(std::span<const WalkEvidence> frames) {
       const Step inverted =
           StepOf(frame.cam_from_odometry.Inverse(), before->cam_from_odometry.Inverse());
       const auto variances = (later.covariance + earlier.covariance).diagonal().eval();
-      const auto tells = [](const Vector3d& v, double variance) {
-        return v.squaredNorm() > kLeastSigmas * kLeastSigmas * variance;
+      const auto add = [&](const Vector3d& by_frames, double variance, const Vector3d& as_read,
+                           const Vector3d& as_inverted) {
+        if (by_frames.squaredNorm() > kLeastSigmas * kLeastSigmas * variance &&
+            !as_read.isZero(0) && !as_inverted.isZero(0)) {
+          directions.push_back({by_frames, {as_read, as_inverted}});
+        }
       };
-      if (tells(said.turn, variances.head<3>().sum())) {
-        directions.push_back({said.turn, {read.turn, inverted.turn}});
-      }
-      if (tells(said.way, variances.tail<3>().sum())) {
-        directions.push_back({said.way, {read.way, inverted.way}});
-      }
+      add(said.turn, variances.head<3>().sum(), read.turn, inverted.turn);
+      add(said.way, variances.tail<3>().sum(), read.way, inverted.way);
     }
     before = &frame;
   }
@@ -104,17 +104,27 @@ std::optional<BetterReading> FindBetterReading(std::span<const WalkEvidence> fra
   const std::vector<Direction> directions = DirectionsOf(frames);
   if (directions.size() < kLeastDirections) return std::nullopt;
   const double as_read = MedianDeg(directions, {});
-  BetterReading best{{}, as_read, as_read};
+  OdometryReading best;
+  double least = as_read, second = HUGE_VAL;
   for (const bool inverted : {false, true}) {
     for (const Matrix3d& rotation : AxisRotations()) {
+      if (rotation.isIdentity() && !inverted) continue;
       const OdometryReading reading{rotation, inverted};
       const double median = MedianDeg(directions, reading);
-      if (median < best.median_deg) best = {reading, median, as_read};
+      if (median < least) {
+        second = least;
+        least = median;
+        best = reading;
+      } else {
+        second = std::min(second, median);
+      }
     }
   }
-  // Axes are right angles apart: what is closer to the reading than to others is half of that.
-  if (best.median_deg > kMostDeg || best.median_deg > 0.5 * as_read) return std::nullopt;
-  return best;
+  // What is closer to one than to the other by half speaks for it.
+  if (least > kMostDeg || least > 0.5 * as_read) return std::nullopt;
+  BetterReading better{std::nullopt, least, as_read};
+  if (least <= 0.5 * second) better.reading = best;
+  return better;
 }
 
 }  // namespace raylift

@@ -16,7 +16,8 @@ struct OdometryReading {
 };
 
 struct BetterReading {
-  OdometryReading reading;
+  std::optional<OdometryReading>
+      reading;                // nullopt where several are as good, as of a straight way
   double median_deg;          // between the directions of steps that odometry and frames say
   double median_deg_as_read;  // the same as the poses were read
 };

@@ -123,22 +123,29 @@ std::string_view DirectionOf(const Eigen::Vector3d& axis_in_cam) {
   return kNames[static_cast<size_t>(axis + (axis_in_cam[axis] > 0 ? 3 : 0))];
 }
 
-std::optional<std::string> WarningOfAxes(std::span<const WalkEvidence> frames) {
+// How the odometry's poses should be read.
+std::string TextOf(const OdometryReading& reading, const Rigid3& cam_from_body) {
+  const Eigen::Matrix3d& axes = reading.cam_from_body;
+  std::string text =
+      reading.inverted ? "inverted, world to camera in place of camera to world" : "";
+  if (axes.isIdentity()) return text;
+  text += fmt::format("{}of a camera with x {}, y {}, z {}", reading.inverted ? ", and " : "",
+                      DirectionOf(axes.col(0)), DirectionOf(axes.col(1)), DirectionOf(axes.col(2)));
+  const Rigid3 turned = Rigid3{Eigen::Quaterniond(axes), Eigen::Vector3d::Zero()} * cam_from_body;
+  return reading.inverted ? text : fmt::format("{} (cam_from_body = {})", text, FormatPose(turned));
+}
+
+std::optional<std::string> WarningOfAxes(std::span<const WalkEvidence> frames, const Walk& walk) {
   const auto better = FindBetterReading(frames);
   if (!better) return std::nullopt;
-  const auto& [axes, inverted] = better->reading;
-  std::string reading = inverted ? "inverted, world to camera in place of camera to world" : "";
-  if (!axes.isIdentity()) {
-    reading += fmt::format("{}of a camera with x {}, y {}, z {} (cam_from_body = {})",
-                           inverted ? ", and " : "", DirectionOf(axes.col(0)),
-                           DirectionOf(axes.col(1)), DirectionOf(axes.col(2)),
-                           FormatPose(Rigid3{Eigen::Quaterniond(axes), Eigen::Vector3d::Zero()}));
-  }
   return fmt::format(
       "the odometry's poses seem to be {}: read so, the directions in which the camera moves and "
       "turns lie {:.2g} degrees from those of the photographs' poses (median), as they were read "
       "{:.0f}",
-      reading, better->median_deg, better->median_deg_as_read);
+      better->reading ? TextOf(*better->reading, walk.cam_from_body)
+                      : "of a camera with other axes than x right, y down, z forward, or inverted, "
+                        "which so straight a way does not tell apart",
+      better->median_deg, better->median_deg_as_read);
 }
 
 // In the order of their times.
@@ -213,7 +220,7 @@ WalkedQueries SmoothQueries(std::span<const LocalizedQuery> queries,
   for (const WalkFrame& frame : walk.frames) walked.queries[frame.query].time_s = frame.time_s;
   walked.warnings = walk.warnings;
   const std::vector<WalkEvidence> evidence = EvidenceOf(queries, walk);
-  if (auto warning = WarningOfAxes(evidence)) walked.warnings.push_back(std::move(*warning));
+  if (auto warning = WarningOfAxes(evidence, walk)) walked.warnings.push_back(std::move(*warning));
   ToldFrames told = SmoothAll(evidence, options);
   for (std::string& warning : WarningsOf(told.walk)) walked.warnings.push_back(std::move(warning));
   for (size_t i = 0; i < told.frames.size(); ++i) {

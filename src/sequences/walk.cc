@@ -204,7 +204,7 @@ void WarnOfFramesWithoutPose(const path& file, std::span<const std::string> name
 Walk ReadWalk(const path& file, const path& times, std::span<const std::string> names,
               const Rigid3& cam_from_body) {
   Odometry odometry = ReadOdometry(file);
-  Walk walk{.warnings = std::move(odometry.warnings)};
+  Walk walk{.warnings = std::move(odometry.warnings), .cam_from_body = cam_from_body};
   TimesByName known = TimesOf(times, odometry, names);
   if (!odometry.by_time.empty()) {
     if (known.empty()) {

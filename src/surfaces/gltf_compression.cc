@@ -1,6 +1,15 @@
 #include "surfaces/gltf_compression.h"
 
+#include <exception>
+#include <memory>
+#include <new>
+#include <utility>
+
+#include "base/read_limits.h"
 #include <draco/compression/decode.h>
+#include <draco/compression/mesh/mesh_decoder.h>
+#include <draco/core/varint_decoding.h>
+#include <draco/metadata/metadata_decoder.h>
 #include <fmt/format.h>
 #include <meshoptimizer.h>
 
@@ -13,36 +22,112 @@ namespace {
 // of three indices one byte.
 constexpr size_t kMostMeshoptRatio = 64;
 
-}  // namespace
-
-std::vector<uint32_t> DecodeDraco(std::string_view bytes,
-                                  std::span<const DracoAttribute> attributes) {
+draco::DecoderBuffer BufferOf(std::string_view bytes) {
   draco::DecoderBuffer buffer;
   buffer.Init(bytes.data(), bytes.size());
-  auto decoded = draco::Decoder().DecodeMeshFromBuffer(&buffer);
-  if (!decoded.ok()) {
+  return buffer;
+}
+
+// Holds what the header claims against the bytes, as the decoder takes memory for it.
+void CheckDracoClaims(std::string_view bytes) {
+  draco::DecoderBuffer buffer = BufferOf(bytes);
+  draco::DracoHeader header;
+  if (!draco::PointCloudDecoder::DecodeHeader(&buffer, &header).ok()) {
+    throw InputError("expected a mesh that Draco compressed");
+  }
+  if (DRACO_BITSTREAM_VERSION(header.version_major, header.version_minor) <
+      DRACO_BITSTREAM_VERSION(2, 2)) {
+    throw InputError(fmt::format("expected Draco's bitstream 2.2, as glTF has it, found {}.{}",
+                                 header.version_major, header.version_minor));
+  }
+  buffer.set_bitstream_version(DRACO_BITSTREAM_VERSION(2, 2));
+  if ((header.flags & METADATA_FLAG_MASK) != 0) {
+    draco::GeometryMetadata metadata;
+    if (!draco::MetadataDecoder().DecodeGeometryMetadata(&buffer, &metadata)) {
+      throw InputError("Draco's metadata are damaged");
+    }
+  }
+  uint8_t traversal = 0;
+  if (header.encoder_method == draco::MESH_EDGEBREAKER_ENCODING) buffer.Decode(&traversal);
+  for (int i = 0; i < 2; ++i) {  // faces and points, in either order
+    uint32_t claimed = 0;
+    if (!draco::DecodeVarint(&claimed, &buffer) || claimed > kMaxDeflateRatio * bytes.size()) {
+      throw InputError(
+          fmt::format("Draco's mesh claims {} faces or points, more than {} bytes hold", claimed,
+                      bytes.size()));
+    }
+  }
+}
+
+float LargestOf(draco::DataType type) {
+  switch (type) {
+    case draco::DT_INT8:
+      return INT8_MAX;
+    case draco::DT_UINT8:
+      return UINT8_MAX;
+    case draco::DT_INT16:
+      return INT16_MAX;
+    case draco::DT_UINT16:
+      return UINT16_MAX;
+    default:
+      return 1;
+  }
+}
+
+VertexNumbers NumbersOf(const draco::Mesh& mesh, const DracoAttribute& wanted) {
+  const draco::PointAttribute* const attribute = mesh.GetAttributeByUniqueId(wanted.id);
+  if (attribute == nullptr ||
+      static_cast<size_t>(attribute->num_components()) < wanted.components) {
+    throw InputError(fmt::format("Draco's mesh has no attribute {} of {} numbers", wanted.id,
+                                 wanted.components));
+  }
+  VertexNumbers numbers{wanted.components, {}};
+  numbers.values.resize(numbers.components * mesh.num_points());
+  bool is_read = true;
+  for (uint32_t i = 0; i < mesh.num_points(); ++i) {
+    is_read &= attribute->ConvertValue(attribute->mapped_index(draco::PointIndex(i)),
+                                       static_cast<int8_t>(numbers.components),
+                                       &numbers.values[i * numbers.components]);
+  }
+  if (!is_read) throw InputError(fmt::format("Draco's attribute {} is damaged", wanted.id));
+  if (wanted.is_normalized && !attribute->normalized()) {
+    for (float& value : numbers.values) value /= LargestOf(attribute->data_type());
+  }
+  return numbers;
+}
+
+std::unique_ptr<draco::Mesh> Decoded(std::string_view bytes) {
+  try {
+    draco::DecoderBuffer buffer = BufferOf(bytes);
+    auto decoded = draco::Decoder().DecodeMeshFromBuffer(&buffer);
+    if (decoded.ok()) return std::move(decoded).value();
     throw InputError(fmt::format("expected a mesh that Draco compressed: {}",
                                  decoded.status().error_msg_string()));
+  } catch (const std::bad_alloc&) {
+    throw;
+  } catch (const InputError&) {
+    throw;
+  } catch (const std::exception& error) {
+    throw InputError(fmt::format("expected a mesh that Draco compressed: {}", error.what()));
   }
-  const std::unique_ptr<draco::Mesh> mesh = std::move(decoded).value();
-  for (const auto& [id, numbers] : attributes) {
-    const draco::PointAttribute* const attribute = mesh->GetAttributeByUniqueId(id);
-    if (attribute == nullptr) throw InputError(fmt::format("Draco's mesh has no attribute {}", id));
-    numbers->values.resize(numbers->components * mesh->num_points());
-    for (uint32_t i = 0; i < mesh->num_points(); ++i) {
-      attribute->ConvertValue(attribute->mapped_index(draco::PointIndex(i)),
-                              static_cast<int8_t>(numbers->components),
-                              &numbers->values[i * numbers->components]);
-    }
+}
+
+}  // namespace
+
+DracoMesh DecodeDraco(std::string_view bytes, std::span<const DracoAttribute> attributes) {
+  CheckDracoClaims(bytes);
+  const std::unique_ptr<draco::Mesh> mesh = Decoded(bytes);
+  DracoMesh decoded;
+  for (const DracoAttribute& wanted : attributes) {
+    decoded.attributes.push_back(NumbersOf(*mesh, wanted));
   }
-  std::vector<uint32_t> corners;
-  corners.reserve(size_t{3} * mesh->num_faces());
+  decoded.corners.reserve(size_t{3} * mesh->num_faces());
   for (uint32_t i = 0; i < mesh->num_faces(); ++i) {
     for (const draco::PointIndex& corner : mesh->face(draco::FaceIndex(i))) {
-      corners.push_back(corner.value());
+      decoded.corners.push_back(corner.value());
     }
   }
-  return corners;
+  return decoded;
 }
 
 std::string DecodeMeshopt(std::string_view bytes, const MeshoptView& view) {
@@ -57,6 +142,7 @@ std::string DecodeMeshopt(std::string_view bytes, const MeshoptView& view) {
     throw InputError(fmt::format("{} items of {} bytes are not what {} has", view.count,
                                  view.stride, view.mode));
   }
+  if (!is_vertices && view.filter != "NONE") throw InputError("only ATTRIBUTES have a filter");
   if (view.count * view.stride > kMostMeshoptRatio * bytes.size()) {
     throw InputError(
         fmt::format("it claims {} items, more than {} bytes can hold", view.count, bytes.size()));

@@ -20,16 +20,20 @@ struct VertexNumbers {
   size_t count() const { return components == 0 ? 0 : values.size() / components; }
 };
 
-// An attribute of a mesh that Draco compressed, by its id there.
+// What is wanted of a mesh that Draco compressed.
 struct DracoAttribute {
   uint32_t id;
-  VertexNumbers* numbers;  // with the components that are wanted
+  size_t components;
+  bool is_normalized;  // integers stand for their share of the largest one
 };
 
-// Sets the attributes and returns the triangles' corners. Throws InputError where the bytes are no
-// such mesh.
-std::vector<uint32_t> DecodeDraco(std::string_view bytes,
-                                  std::span<const DracoAttribute> attributes);
+struct DracoMesh {
+  std::vector<VertexNumbers> attributes;  // as they were asked for
+  std::vector<uint32_t> corners;          // of triangles
+};
+
+// Throws InputError where the bytes are no such mesh, or claim more than they can hold.
+DracoMesh DecodeDraco(std::string_view bytes, std::span<const DracoAttribute> attributes);
 
 // The members of EXT_meshopt_compression.
 struct MeshoptView {

@@ -69,6 +69,11 @@ void RequireRoom(const JsonPlace& place, uint64_t end, uint64_t room) {
   if (end > room) place.Fail(fmt::format("it ends at {} bytes of {}", end, room));
 }
 
+void RequireUnsigned(const JsonPlace& place, uint64_t component_type) {
+  if (component_type == 5121 || component_type == 5123 || component_type == 5125) return;
+  place.Fail("expected the componentType of unsigned integers, 5121, 5123 or 5125");
+}
+
 }  // namespace
 
 // How the numbers of an accessor lie in its bytes.
@@ -119,10 +124,9 @@ GltfFile::GltfFile(const std::filesystem::path& path, std::string_view contents,
       rest_(contents),
       document_(TakeJson(), path),
       root_(document_.Root()) {
-  IfThere(root_, {"asset", "version"}, [&](const JsonPlace& version) {
-    if (!version.String().starts_with("2.")) version.Fail("expected glTF 2");
-  });
-  if (!root_.Has("asset")) throw InputError(path_, "asset.version", "expected glTF 2");
+  const JsonPlace asset = root_.Member("asset");
+  const JsonPlace version = asset.Member("version");
+  if (!version.String().starts_with("2.")) version.Fail("expected glTF 2");
   for (const std::string_view list : kLists) {
     if (root_.Has(list)) lists_.emplace(list, root_.Member(list));
   }
@@ -246,8 +250,9 @@ const GltfFile::View& GltfFile::ViewAt(const JsonPlace& index) {
     };
     const MeshoptView kind{text("mode"), text("filter"), CountOf(compressed, "count", 0),
                            CountOf(compressed, "byteStride", 0)};
+    const std::string_view bytes = PartOfBuffer(compressed);
     try {
-      view.bytes = decoded_.emplace_back(DecodeMeshopt(PartOfBuffer(compressed), kind));
+      view.bytes = decoded_.emplace_back(DecodeMeshopt(bytes, kind));
     } catch (const InputError& error) {
       compressed.Fail(error.what());
     }
@@ -282,20 +287,26 @@ GltfFile::Items GltfFile::ItemsOf(const JsonPlace& accessor, size_t components) 
   for (const auto& [name, number] : kComponentsOfType) {
     if (name == type) items.components = number;
   }
+  if (items.NumBytes() == 0) accessor.Fail("expected a known componentType and type");
   const bool fits = components == 0 ? items.components == 3 || items.components == 4
                                     : items.components == components;
-  if (!fits || items.NumBytes() == 0) accessor.Fail("expected a known componentType and type");
+  if (!fits) {
+    accessor.Fail(fmt::format("expected items of {} numbers, found {}",
+                              components == 0 ? "3 or 4" : std::to_string(components), type));
+  }
   if (accessor.Has("bufferView")) return AtPlace(accessor, items);
-  RequireRoom(accessor, items.count * items.NumBytes(), size_bytes_);  // all zero
+  // All zero: no more than the files have bytes.
+  uint64_t room = size_bytes_;
+  IfThere(accessor, {"sparse", "values", "bufferView"},
+          [&](const JsonPlace& view) { ViewAt(view); });
+  for (const auto& [buffer, bytes] : buffers_) room += bytes.size();
+  RequireRoom(accessor, items.count * items.NumBytes(), room);
   return items;
 }
 
 template <typename Number>
-std::vector<Number> GltfFile::Read(const JsonPlace& index, size_t& components) {
-  const JsonPlace accessor = Item("accessors", Index("accessors", index));
-  const Items items = ItemsOf(accessor, components);
-  components = items.components;
-  std::vector<Number> numbers(items.count * components);
+std::vector<Number> GltfFile::Read(const JsonPlace& accessor, const Items& items) {
+  std::vector<Number> numbers(items.count * items.components);
   if (!items.bytes.empty()) items.Copy(numbers, [](size_t i) { return i; });
   if (!accessor.Has("sparse")) return numbers;
   const JsonPlace sparse = accessor.Member("sparse");
@@ -304,6 +315,7 @@ std::vector<Number> GltfFile::Read(const JsonPlace& index, size_t& components) {
   changed.count = places.count = CountOf(sparse, "count", 0);
   places.components = 1;
   places.component_type = CountOf(where, "componentType", 0);
+  RequireUnsigned(where, places.component_type);
   places = AtPlace(where, places);
   changed = AtPlace(what, changed);
   std::vector<uint32_t> to(places.count);
@@ -316,15 +328,16 @@ std::vector<Number> GltfFile::Read(const JsonPlace& index, size_t& components) {
 }
 
 VertexNumbers GltfFile::ReadNumbers(const JsonPlace& index, size_t components) {
-  VertexNumbers numbers;
-  numbers.values = Read<float>(index, components);
-  numbers.components = components;
-  return numbers;
+  const JsonPlace accessor = Item("accessors", Index("accessors", index));
+  const Items items = ItemsOf(accessor, components);
+  return {items.components, Read<float>(accessor, items)};
 }
 
 std::vector<uint32_t> GltfFile::ReadIndices(const JsonPlace& index) {
-  size_t components = 1;
-  return Read<uint32_t>(index, components);
+  const JsonPlace accessor = Item("accessors", Index("accessors", index));
+  const Items items = ItemsOf(accessor, 1);
+  RequireUnsigned(accessor, items.component_type);
+  return Read<uint32_t>(accessor, items);
 }
 
 }  // namespace raylift

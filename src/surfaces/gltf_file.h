@@ -5,8 +5,8 @@
 #include <cstdint>
 #include <deque>
 #include <filesystem>
+#include <initializer_list>
 #include <map>
-#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -51,6 +51,7 @@ class GltfFile {
   // The items of an accessor, each of `components` numbers; 0: as many as it has, 3 or 4.
   // Normalized integers become numbers up to 1.
   VertexNumbers ReadNumbers(const JsonPlace& index, size_t components);
+  // Unsigned integers.
   std::vector<uint32_t> ReadIndices(const JsonPlace& index);
 
   // Returns what a URI holds that carries its data itself; nullopt where it names a file, whose
@@ -73,9 +74,9 @@ class GltfFile {
   Items AtPlace(const JsonPlace& place, Items items);
   Items ItemsOf(const JsonPlace& accessor, size_t components);
   template <typename Number>
-  std::vector<Number> Read(const JsonPlace& index, size_t& components);
+  std::vector<Number> Read(const JsonPlace& accessor, const Items& items);
 
-  const std::filesystem::path& path_;
+  const std::filesystem::path path_;
   GltfPlace place_;
   size_t size_bytes_;
   std::string_view rest_;                 // of binary files, behind the chunks that were taken

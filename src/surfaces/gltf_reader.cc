@@ -105,8 +105,10 @@ struct Primitive {
   size_t material = 0;
 };
 
-// The corners of triangles, of a strip of them (whose winding alternates) or of a fan.
+// The corners of triangles, of a strip of them (whose winding alternates) or of a fan; points and
+// lines have none.
 std::vector<uint32_t> ToTriangles(uint64_t mode, std::vector<uint32_t> corners) {
+  if (mode < 4 || mode > 6) return {};
   if (mode == 4) {
     corners.resize(corners.size() / 3 * 3);
     return corners;
@@ -131,12 +133,14 @@ class GltfReader {
     for (size_t i = 0; i < file_.CountItems("materials"); ++i) {
       AddMaterial(file_.Item("materials", i));
     }
-    std::map<size_t, size_t> uses;
-    const Affine3d once = Affine3d::Identity();
-    std::vector<PlacedMesh> placed;
-    for (const Affine3d& copy : copies.empty() ? std::span(&once, 1) : copies) {
-      PlaceScene(copy * RootFromScene(), placed);
+    if (!mesh_.materials.empty()) {  // what primitives without one are like, the last of all
+      mesh_.materials.push_back({.color_rgb = kWhite});
+      uv_uses_.emplace_back();
     }
+    std::map<size_t, size_t> uses;
+    std::vector<PlacedMesh> placed;
+    PlaceScene(RootFromScene(), placed);
+    if (!copies.empty()) placed = Copied(placed, copies);
     for (const PlacedMesh& mesh : placed) ++uses[mesh.index];
     std::map<size_t, std::vector<Primitive>> shared;
     for (const PlacedMesh& mesh : placed) {
@@ -183,7 +187,7 @@ class GltfReader {
       IfThere(part, {texture}, [&](const JsonPlace& info) {
         use = UvUseOf(info);
         const JsonPlace index = info.Member("index");
-        added.texture = Texture(file_.Item("textures", file_.Index("textures", index)));
+        added.texture = Texture(file_.Index("textures", index));
       });
       const Eigen::Vector4d linear = VectorOr<4>(part, color, {1, 1, 1, 1});
       for (int c = 0; c < 3; ++c) {
@@ -199,12 +203,17 @@ class GltfReader {
   }
 
   // Returns the index of its picture; -1 where it has none that can be read.
-  int32_t Texture(const JsonPlace& texture) {
+  int32_t Texture(size_t index) {
+    const JsonPlace texture = file_.Item("textures", index);
     std::optional<size_t> image;
     const auto take = [&](const JsonPlace& source) { image = file_.Index("images", source); };
     IfThere(texture, {"source"}, take);
     if (!image) IfThere(texture, {"extensions", "EXT_texture_webp", "source"}, take);
-    if (!image) return -1;
+    if (!image) {
+      mesh_.warnings.push_back(
+          fmt::format("{}: textures[{}]: names no picture that is read", path_.string(), index));
+      return -1;
+    }
     const auto [entry, is_new] = texture_of_image_.try_emplace(*image, -1);
     if (is_new) entry->second = AddPicture(file_.Item("images", *image), *image);
     return entry->second;
@@ -251,6 +260,24 @@ class GltfReader {
     PlaceNodes(scene, "nodes", root_from_scene, 0, placed);
   }
 
+  std::vector<PlacedMesh> Copied(std::span<const PlacedMesh> scene,
+                                 std::span<const Affine3d> copies) const {
+    if (scene.size() * copies.size() > kMaxPlacedMeshes) FailOfMany();
+    std::vector<PlacedMesh> placed;
+    for (const Affine3d& copy : copies) {
+      for (const PlacedMesh& mesh : scene) {
+        placed.push_back({mesh.index, copy * mesh.root_from_mesh});
+      }
+    }
+    return placed;
+  }
+
+  [[noreturn]] void FailOfMany() const {
+    throw InputError(path_, fmt::format("its nodes and instances place more than {} meshes, or {} "
+                                        "vertices and triangles",
+                                        kMaxPlacedMeshes, kMaxPlacedParts));
+  }
+
   // A file without scenes shows each node that is no other's child.
   void PlaceRoots(const Affine3d& root_from_scene, std::vector<PlacedMesh>& placed) {
     std::vector<bool> is_child(is_placed_.size());
@@ -290,6 +317,7 @@ class GltfReader {
     IfThere(node, {"mesh"}, [&](const JsonPlace& mesh) {
       const size_t number = file_.Index("meshes", mesh);
       for (const Affine3d& node_from_instance : Instances(node)) {
+        if (placed.size() >= kMaxPlacedMeshes) FailOfMany();
         placed.push_back({number, root_from_node * node_from_instance});
       }
     });
@@ -341,31 +369,42 @@ class GltfReader {
     for (size_t i = 0; i < primitives.ArraySize(); ++i) {
       const JsonPlace primitive = primitives.At(i);
       const uint64_t mode = CountOf(primitive, "mode", 4);
-      if (mode >= 4 && mode <= 6) parts.push_back(ReadPrimitive(primitive, mode));
+      parts.push_back(ReadPrimitive(primitive, mode));
     }
     return parts;
   }
 
+  struct Wanted {
+    std::string_view name;
+    size_t components;  // 0: 3 or 4
+    VertexNumbers* numbers;
+  };
+
   Primitive ReadPrimitive(const JsonPlace& place, uint64_t mode) {
     Primitive primitive;
-    primitive.material = mesh_.materials.size();
+    primitive.material = file_.CountItems("materials");
     IfThere(place, {"material"}, [&](const JsonPlace& material) {
       primitive.material = file_.Index("materials", material);
     });
     const int uv_set = primitive.material < uv_uses_.size() ? uv_uses_[primitive.material].set : 0;
     const std::string uv_name = fmt::format("TEXCOORD_{}", uv_set);
+    const JsonPlace attributes = place.Member("attributes");
+    const std::array<Wanted, 3> wanted = {{{"POSITION", 3, &primitive.positions},
+                                           {uv_name, 2, &primitive.uvs},
+                                           {"COLOR_0", 0, &primitive.colors}}};
     bool is_compressed = false;
     IfThere(place, {"extensions", "KHR_draco_mesh_compression"}, [&](const JsonPlace& draco) {
       is_compressed = true;
-      ReadDraco(draco, uv_name, primitive);
+      primitive.corners = ReadDraco(draco, attributes, wanted);
     });
-    if (!is_compressed) {
-      const JsonPlace attributes = place.Member("attributes");
-      primitive.positions = Attribute(attributes, "POSITION", 3);
-      primitive.uvs = Attribute(attributes, uv_name, 2);
-      primitive.colors = Attribute(attributes, "COLOR_0", 0);
-      ReadCorners(place, mode, primitive);
+    for (const Wanted& want : wanted) {
+      if (want.numbers->count() == 0) {
+        *want.numbers = Attribute(attributes, want.name, want.components);
+      }
     }
+    if (!is_compressed) ReadCorners(place, mode, primitive);
+    // As the specification has it, there is nothing to show of what has no positions.
+    if (primitive.positions.count() == 0) return Primitive();
     const size_t count = primitive.positions.count();
     for (const VertexNumbers* numbers : {&primitive.uvs, &primitive.colors}) {
       if (numbers->count() != 0 && numbers->count() != count) {
@@ -392,20 +431,29 @@ class GltfReader {
     primitive.corners = ToTriangles(mode, std::move(corners));
   }
 
-  void ReadDraco(const JsonPlace& draco, const std::string& uv_name, Primitive& primitive) {
+  // Sets what is compressed of the wanted numbers, and returns the triangles' corners.
+  std::vector<uint32_t> ReadDraco(const JsonPlace& draco, const JsonPlace& attributes,
+                                  std::span<const Wanted> wanted) {
     const JsonPlace ids = draco.Member("attributes");
-    std::vector<DracoAttribute> attributes;
-    const auto want = [&](std::string_view name, size_t components, VertexNumbers& numbers) {
-      if (!ids.Has(name)) return;
-      numbers.components = components;
-      attributes.push_back({static_cast<uint32_t>(CountOf(ids, name, 0)), &numbers});
-    };
-    want("POSITION", 3, primitive.positions);
-    want(uv_name, 2, primitive.uvs);
-    want("COLOR_0", 3, primitive.colors);
+    std::vector<DracoAttribute> compressed;
+    std::vector<VertexNumbers*> targets;
+    for (const Wanted& want : wanted) {
+      if (!ids.Has(want.name)) continue;
+      bool is_normalized = false;
+      IfThere(attributes, {want.name}, [&](const JsonPlace& index) {
+        const JsonPlace accessor = file_.Item("accessors", file_.Index("accessors", index));
+        IfThere(accessor, {"normalized"}, [&](const JsonPlace& n) { is_normalized = n.Bool(); });
+      });
+      compressed.push_back({static_cast<uint32_t>(CountOf(ids, want.name, 0)),
+                            want.components == 0 ? 3 : want.components, is_normalized});
+      targets.push_back(want.numbers);
+    }
     const JsonPlace view = draco.Member("bufferView");
+    const std::string_view bytes = file_.BytesOfView(view);
     try {
-      primitive.corners = DecodeDraco(file_.BytesOfView(view), attributes);
+      DracoMesh mesh = DecodeDraco(bytes, compressed);
+      for (size_t i = 0; i < targets.size(); ++i) *targets[i] = std::move(mesh.attributes[i]);
+      return std::move(mesh.corners);
     } catch (const InputError& error) {
       draco.Fail(error.what());
     }
@@ -414,7 +462,8 @@ class GltfReader {
   void Add(const Primitive& primitive, const Affine3d& root_from_mesh) {
     const size_t first = mesh_.positions.size();
     const size_t count = primitive.positions.count();
-    if (first + count >= RawMesh::kNone) throw InputError(path_, "too many vertices");
+    num_parts_ += count + primitive.corners.size() / 3;
+    if (num_parts_ > kMaxPlacedParts) FailOfMany();
     for (size_t i = 0; i < count; ++i) {
       mesh_.positions.push_back(root_from_mesh * Item<3>(primitive.positions, i));
     }
@@ -458,13 +507,14 @@ class GltfReader {
     }
   }
 
-  const std::filesystem::path& path_;
+  const std::filesystem::path path_;
   GltfFile file_;
   const Eigen::Matrix3d z_up_from_gltf_;
   RawMesh mesh_;
   std::vector<UvUse> uv_uses_;  // of each material
   std::map<size_t, int32_t> texture_of_image_;
   std::vector<bool> is_placed_;  // each node
+  size_t num_parts_ = 0;         // vertices and triangles that were placed
 };
 
 }  // namespace

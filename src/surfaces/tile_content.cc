@@ -143,27 +143,38 @@ class TileReader {
     const std::vector<Affine3d> places = InstancePlaces(root, parts.tables[1]);
     if (places.empty()) return;
     const Vector3d center = CenterOf(root, parts.tables[1]);
-    if (Number(bytes, kFormat) == 1) return AddPart(GlbIn(parts.rest), center, places);
-    const std::string name =
-        DecodedUri(parts.rest.substr(0, parts.rest.find_first_of(std::string_view("\0 ", 2))));
-    if (!MayBeRead(name)) {
-      throw InputError(content_.file,
-                       fmt::format("expected glTF below the tile's folder, found {}", Shown(name)));
-    }
-    const std::filesystem::path path = content_.file.parent_path() / name;
+    const uint32_t format = Number(bytes, kFormat);
+    if (format > 1) throw InputError(content_.file, "expected the glTF's format 0 or 1");
+    if (format == 1) return AddPart(GlbIn(parts.rest), center, places);
+    const size_t padding = parts.rest.find_last_not_of(std::string_view("\0 ", 2));
+    const std::filesystem::path path = FileOf(std::string(parts.rest.substr(0, padding + 1)));
     const MappedFile file(path);
     Add(ReadGltf(path, file.contents(), GltfPlace::kFile, content_.z_up_from_gltf, places), center);
+  }
+
+  std::filesystem::path FileOf(const std::string& uri) const {
+    try {
+      return ResolveInTileset(uri, content_.file, content_.folder);
+    } catch (const InputError& error) {
+      throw InputError(content_.file, error.what());
+    }
   }
 
   // Returns where each instance stands, in the axes of the glTF.
   std::vector<Affine3d> InstancePlaces(const JsonPlace& root, std::string_view binary) const {
     const JsonPlace length = root.Member("INSTANCES_LENGTH");
-    const auto count = static_cast<size_t>(std::max(0, length.Int()));
+    const double claimed = length.IsNumber()
+                               ? length.Number()
+                               : Features(root, "INSTANCES_LENGTH", binary, uint32_t{}, 1)[0];
+    if (!(claimed >= 0 && claimed <= UINT32_MAX)) length.Fail("expected a number of instances");
+    const auto count = static_cast<size_t>(claimed);
     const auto read = [&](std::string_view name, auto number, size_t components) {
       return Features(root, name, binary, number, count * components);
     };
     std::vector<double> positions = read("POSITION", float{}, 3);
-    if (positions.empty()) positions = Dequantized(root, read("POSITION_QUANTIZED", uint16_t{}, 3));
+    if (positions.empty()) {
+      positions = Dequantized(root, binary, read("POSITION_QUANTIZED", uint16_t{}, 3));
+    }
     std::vector<double> up = read("NORMAL_UP", float{}, 3),
                         right = read("NORMAL_RIGHT", float{}, 3);
     if (up.empty()) up = FromOct(read("NORMAL_UP_OCT32P", uint16_t{}, 2));
@@ -172,12 +183,13 @@ class TileReader {
     const std::vector<double> scales = read("SCALE_NON_UNIFORM", float{}, 3);
     const bool is_on_earth = root.Has("EAST_NORTH_UP") && root.Member("EAST_NORTH_UP").Bool();
     if (positions.empty() && count > 0) root.Fail("expected POSITION or POSITION_QUANTIZED");
+    if (up.empty() != right.empty()) root.Fail("expected NORMAL_UP and NORMAL_RIGHT, or neither");
     const Vector3d center = CenterOf(root, binary);
     std::vector<Affine3d> places;
     for (size_t i = 0; i < count; ++i) {
       const auto item = [&](const std::vector<double>& v) { return Vector3d(&v[3 * i]); };
       Affine3d place(Eigen::Translation3d(item(positions)));
-      if (!up.empty() && !right.empty()) {
+      if (!up.empty()) {
         place.linear() << item(right), item(up), item(right).cross(item(up));
       } else if (is_on_earth) {
         place.linear() = EastNorthUp(center + item(positions));
@@ -210,11 +222,11 @@ class TileReader {
     return numbers;
   }
 
-  static std::vector<double> Dequantized(const JsonPlace& root, std::vector<double> numbers) {
+  std::vector<double> Dequantized(const JsonPlace& root, std::string_view binary,
+                                  std::vector<double> numbers) const {
     if (numbers.empty()) return numbers;
-    const JsonPlace offset = root.Member("QUANTIZED_VOLUME_OFFSET");
-    const JsonPlace scale = root.Member("QUANTIZED_VOLUME_SCALE");
-    const Vector3d low = offset.Vector<3>(), size = scale.Vector<3>();
+    const Vector3d low = CartesianOf(root, "QUANTIZED_VOLUME_OFFSET", binary);
+    const Vector3d size = CartesianOf(root, "QUANTIZED_VOLUME_SCALE", binary);
     for (size_t i = 0; i < numbers.size(); ++i) {
       const auto axis = static_cast<Eigen::Index>(i % 3);
       numbers[i] = low[axis] + size[axis] * numbers[i] / UINT16_MAX;
@@ -242,17 +254,23 @@ class TileReader {
     constexpr double kA = 6378137, kB = 6356752.314245179;
     Eigen::Matrix3d axes;
     const Vector3d up = place.cwiseQuotient(Vector3d(kA * kA, kA * kA, kB * kB)).normalized();
-    const Vector3d east = Vector3d(-place.y(), place.x(), 0).normalized();
+    const bool is_pole = place.head<2>().isZero(0);
+    const Vector3d east =
+        is_pole ? Vector3d::UnitY() : Vector3d(-place.y(), place.x(), 0).normalized();
     axes << east, up.cross(east), up;
     return axes;
   }
 
-  // RTC_CENTER: three numbers, or where they are as floats.
+  // Three numbers, or where they are as floats.
+  Vector3d CartesianOf(const JsonPlace& root, std::string_view name,
+                       std::string_view binary) const {
+    const JsonPlace place = root.Member(name);
+    if (place.IsArray()) return place.Vector<3>();
+    return Vector3d(Features(root, name, binary, float{}, 3).data());
+  }
+
   Vector3d CenterOf(const JsonPlace& root, std::string_view binary) const {
-    if (!root.Has("RTC_CENTER")) return Vector3d::Zero();
-    const JsonPlace center = root.Member("RTC_CENTER");
-    if (center.IsArray()) return center.Vector<3>();
-    return Vector3d(Features(root, "RTC_CENTER", binary, float{}, 3).data());
+    return root.Has("RTC_CENTER") ? CartesianOf(root, "RTC_CENTER", binary) : Vector3d::Zero();
   }
 
   void AddPart(std::string_view glb, const Vector3d& center, std::span<const Affine3d> copies) {

@@ -233,28 +233,12 @@ class TilesetWalk {
     }
   }
 
-  // The file that a tileset or subtree names, which lies below the root's folder.
   path Resolved(const JsonPlace& place, const std::string& uri, const path& named_in) const {
-    if (IsNetworkAddress(uri)) {
-      place.Fail(
-          fmt::format("expected a file, found an address on a network, {}; download it "
-                      "together with its tiles",
-                      Shown(uri)));
+    try {
+      return ResolveInTileset(uri, named_in, folder_);
+    } catch (const InputError& error) {
+      place.Fail(error.what());
     }
-    const std::string text = DecodedUri(std::string_view(uri).substr(0, uri.find_first_of("?#")));
-    const path file = (named_in.parent_path() / text).lexically_normal();
-    if (text.empty() || text.find('\0') != std::string::npos ||
-        !(FilesMayBeAnywhere() || Below(file, folder_.empty() ? "." : folder_))) {
-      place.Fail(
-          fmt::format("expected a file below the tileset's folder, found {}; "
-                      "RAYLIFT_FILES_ANYWHERE=1 in the environment allows it",
-                      Shown(text)));
-    }
-    std::error_code ignored;
-    if (!std::filesystem::is_regular_file(file, ignored)) {
-      place.Fail(fmt::format("{}: no such file", Shown(text)));
-    }
-    return file;
   }
 
   // Further tilesets are part of the tree, whatever shows of the tile that names them.
@@ -263,7 +247,8 @@ class TilesetWalk {
     if (!is_tileset && !is_shown) return;
     CountUse(place, file);
     if (!is_tileset) {
-      tileset_.contents.push_back({file, branch.root_from_tile, open_.back().z_up_from_gltf});
+      tileset_.contents.push_back(
+          {file, branch.root_from_tile, open_.back().z_up_from_gltf, folder_});
       return;
     }
     std::error_code ignored;
@@ -401,6 +386,29 @@ std::optional<Vector3d> CenterOfTileset(const path& root_file) {
   if (!json.Has("root")) return std::nullopt;
   const JsonPlace root = json.Member("root");
   return CenterOf(root, TransformOf(root));
+}
+
+path ResolveInTileset(const std::string& uri, const path& named_in, const path& folder) {
+  if (IsNetworkAddress(uri)) {
+    throw InputError(
+        fmt::format("expected a file, found an address on a network, {}; download it together with "
+                    "its tiles",
+                    Shown(uri)));
+  }
+  const std::string text = DecodedUri(std::string_view(uri).substr(0, uri.find_first_of("?#")));
+  const path file = (named_in.parent_path() / text).lexically_normal();
+  if (text.empty() || text.find('\0') != std::string::npos ||
+      !(FilesMayBeAnywhere() || Below(file, folder.empty() ? "." : folder))) {
+    throw InputError(fmt::format(
+        "expected a file below the tileset's folder, found {}; RAYLIFT_FILES_ANYWHERE=1 "
+        "in the environment allows it",
+        Shown(text)));
+  }
+  std::error_code ignored;
+  if (!std::filesystem::is_regular_file(file, ignored)) {
+    throw InputError(fmt::format("{}: no such file", Shown(text)));
+  }
+  return file;
 }
 
 Tileset ListTiles(const path& root_file, double max_error) {

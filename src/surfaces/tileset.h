@@ -19,7 +19,14 @@ struct TileContent {
   std::filesystem::path file;
   Eigen::Affine3d root_from_tile = Eigen::Affine3d::Identity();  // the root tileset's frame
   Eigen::Matrix3d z_up_from_gltf = Eigen::Matrix3d::Identity();
+  std::filesystem::path folder = {};  // of the root, in which all lies that a tile names
 };
+
+// Returns the file that a tileset, a subtree or a tile names. Throws InputError with what is wrong
+// with the name: it is on a network, not below the root's folder, or no file.
+std::filesystem::path ResolveInTileset(const std::string& uri,
+                                       const std::filesystem::path& named_in,
+                                       const std::filesystem::path& folder);
 
 struct Tileset {
   std::vector<TileContent> contents;  // in the order of the tree

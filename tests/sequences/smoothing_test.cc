@@ -166,12 +166,32 @@ TEST(FindBetterReading, NamesTheAxesOfTheCameraAndInvertedPoses) {
     for (const bool inverted : {false, true}) {
       if (body_from_cam == identity && !inverted) continue;
       const auto better = ReadingOf(made, body_from_cam, inverted);
-      ASSERT_TRUE(better);
-      EXPECT_EQ(better->reading.inverted, inverted);
-      EXPECT_EQ(better->reading.cam_from_body, body_from_cam.transpose());
+      ASSERT_TRUE(better && better->reading);
+      EXPECT_EQ(better->reading->inverted, inverted);
+      EXPECT_EQ(better->reading->cam_from_body, body_from_cam.transpose());
       EXPECT_LT(better->median_deg, 10);
     }
   }
+}
+
+// Straight ahead the axes beside the way are anyone's, and a camera that stands still has no way.
+TEST(FindBetterReading, NamesNoAxesThatAStraightWayDoesNotTell) {
+  Rng rng = TestRng();
+  MadeWalk made = MakeWalk(rng, {.frames = 30});
+  const Matrix6d covariance = made.frames[0].single->covariance;
+  for (size_t i = 0; i < made.frames.size(); ++i) {
+    const Rigid3 pose{Eigen::Quaterniond::Identity(),
+                      Vector3d(0, 0, -0.5 * static_cast<double>(i))};
+    made.frames[i] = {pose, SinglePose{Moved(pose, Noise(rng, 0.1, 0.01)), covariance, 0.99}};
+  }
+  Eigen::Matrix3d robot;
+  robot << 0, 0, 1, -1, 0, 0, 0, -1, 0;
+  EXPECT_FALSE(ReadingOf(made, Eigen::Matrix3d::Identity(), false));
+  const auto better = ReadingOf(made, robot, false);
+  ASSERT_TRUE(better);
+  EXPECT_FALSE(better->reading);
+  for (WalkEvidence& frame : made.frames) frame.cam_from_odometry = {};
+  EXPECT_FALSE(FindBetterReading(made.frames));
 }
 
 // Odometry that has nothing to do with the walk is no other reading, and neither is a walk of which

@@ -115,6 +115,50 @@ std::string DracoBytes(const TilePatch& patch) {
   return {buffer.data(), buffer.size()};
 }
 
+// A quad in Draco whose colors are 8 bits and are not said to be normalized, as its encoder for web
+// pages writes them; texture coordinates lie beside it.
+std::string ColoredDracoGlb() {
+  draco::TriangleSoupMeshBuilder builder;
+  builder.Start(2);
+  const int position =
+      builder.AddAttribute(draco::GeometryAttribute::POSITION, 3, draco::DT_FLOAT32);
+  const int color = builder.AddAttribute(draco::GeometryAttribute::COLOR, 3, draco::DT_UINT8);
+  const std::array<uint8_t, 3> rgb = {255, 55, 0};
+  for (uint32_t face = 0; face < 2; ++face) {
+    std::array<Eigen::Vector3f, 3> corners;
+    for (uint32_t k = 0; k < 3; ++k) corners[k] = kQuadCorners[3 * face + k].cast<float>();
+    builder.SetAttributeValuesForFace(position, draco::FaceIndex(face), corners[0].data(),
+                                      corners[1].data(), corners[2].data());
+    builder.SetAttributeValuesForFace(color, draco::FaceIndex(face), rgb.data(), rgb.data(),
+                                      rgb.data());
+  }
+  const auto mesh = builder.Finalize();
+  draco::Encoder encoder;
+  encoder.SetEncodingMethod(draco::MESH_SEQUENTIAL_ENCODING);
+  draco::EncoderBuffer buffer;
+  EXPECT_TRUE(encoder.EncodeMeshToBuffer(*mesh, &buffer).ok());
+  Gltf gltf;
+  const int view = gltf.AddView({buffer.data(), buffer.size()});
+  const int positions = gltf.AddAccessorOf(-1, 5126, "VEC3", 4);
+  const int colors = gltf.AddAccessorOf(-1, 5121, "VEC3", 4, R"(,"normalized":true)");
+  const int uvs = gltf.AddFloats(std::vector<float>(8, 0.25f), "VEC2", 2);
+  return gltf.Write(fmt::format(
+      R"("attributes":{{"POSITION":{},"COLOR_0":{},"TEXCOORD_0":{}}},"extensions":
+{{"KHR_draco_mesh_compression":{{"bufferView":{},"attributes":{{"POSITION":0,"COLOR_0":1}}}}}})",
+      positions, colors, uvs, view));
+}
+
+TEST(ReadGltfCompressed, ColorsOfDracoAndWhatLiesBesideItAreRead) {
+  const TriangleMesh mesh = ReadBytes(ColoredDracoGlb());
+  EXPECT_EQ(mesh.triangles.size(), 2u);
+  ASSERT_EQ(mesh.vertices.size(), 4u);
+  ASSERT_EQ(mesh.vertex_colors_rgb.size(), 4u);
+  // 55 of 255 in linear light.
+  EXPECT_EQ(mesh.vertex_colors_rgb[0], (std::array<uint8_t, 3>{255, 128, 0}));
+  ASSERT_EQ(mesh.texture_coordinates.size(), 4u);
+  EXPECT_EQ(mesh.texture_coordinates[0], Eigen::Vector2f(0.25f, 0.75f));
+}
+
 std::string DracoGlb(const std::string& bytes) {
   Gltf gltf;
   const int view = gltf.AddView(bytes);
@@ -151,6 +195,9 @@ TEST(ReadGltfCompressed, DracoGivesTheSurfaceWithinItsQuantization) {
 TEST(ReadGltfCompressed, DamagedDracoIsNamedOrRead) {
   const std::string good = DracoBytes(HillPatch({0, 0}));
   EXPECT_TRUE(Fails(DracoGlb(good.substr(0, good.size() / 2)), "KHR_draco_mesh_compression"));
+  // The header, a traversal, and 2^31 - 1 vertices and faces.
+  const std::string claim = "\xff\xff\xff\xff\x07";
+  EXPECT_TRUE(Fails(DracoGlb(good.substr(0, 11) + '\0' + claim + claim), "claims 2147483647"));
   Rng rng = TestRng();
   for (int i = 0; i < 300; ++i) {
     std::string bytes = good;
@@ -169,20 +216,22 @@ struct MeshoptGlb {
   std::string vertices;
   std::string indices;
   size_t num_vertices = 4;
+  std::string vertex_filter = "NONE";
+  std::string index_filter = "NONE";
 
   std::string Write() const {
     Gltf gltf;
     const auto compressed = [](size_t size, size_t offset, size_t stride, size_t count,
-                               const std::string& mode) {
+                               const std::string& mode, const std::string& filter) {
       return fmt::format(R"(,"extensions":{{"EXT_meshopt_compression":{{"buffer":0,"byteOffset":{},
-"byteLength":{},"byteStride":{},"count":{},"mode":"{}"}}}})",
-                         offset, size, stride, count, mode);
+"byteLength":{},"byteStride":{},"count":{},"mode":"{}","filter":"{}"}}}})",
+                         offset, size, stride, count, mode, filter);
     };
     const size_t second = (vertices.size() + 3) / 4 * 4;
-    const int first_view =
-        gltf.AddView(vertices, compressed(vertices.size(), 0, 12, num_vertices, "ATTRIBUTES"));
+    const int first_view = gltf.AddView(
+        vertices, compressed(vertices.size(), 0, 12, num_vertices, "ATTRIBUTES", vertex_filter));
     const int second_view =
-        gltf.AddView(indices, compressed(indices.size(), second, 2, 6, "TRIANGLES"));
+        gltf.AddView(indices, compressed(indices.size(), second, 2, 6, "TRIANGLES", index_filter));
     const int positions = gltf.AddAccessorOf(first_view, 5126, "VEC3", num_vertices);
     const int corners = gltf.AddAccessorOf(second_view, 5123, "SCALAR", 6);
     return gltf.Write(
@@ -191,10 +240,10 @@ struct MeshoptGlb {
   }
 };
 
-MeshoptGlb CompressedQuad() {
+MeshoptGlb CompressedQuad(const void* vertices = kQuad.data()) {
   MeshoptGlb quad;
   std::vector<unsigned char> bytes(meshopt_encodeVertexBufferBound(4, 12));
-  bytes.resize(meshopt_encodeVertexBuffer(bytes.data(), bytes.size(), kQuad.data(), 4, 12));
+  bytes.resize(meshopt_encodeVertexBuffer(bytes.data(), bytes.size(), vertices, 4, 12));
   quad.vertices.assign(bytes.begin(), bytes.end());
   const std::vector<unsigned int> indices = {0, 1, 2, 0, 2, 3};
   bytes.resize(meshopt_encodeIndexBufferBound(6, 4));
@@ -206,6 +255,14 @@ MeshoptGlb CompressedQuad() {
 TEST(ReadGltfCompressed, MeshoptimizerGivesTheSameNumbers) {
   EXPECT_EQ(ReadBytes(CompressedQuad().Write()).triangles.size(), 2u);
   EXPECT_EQ(MaxCornerDistance(ReadBytes(CompressedQuad().Write()), kQuadCorners), 0);
+  // Numbers as 24 bits of mantissa and 8 of an exponent: 1 is 2 * 2^-1.
+  std::vector<uint32_t> filtered;
+  for (const float number : kQuad) {
+    filtered.push_back(0xff000000u | static_cast<uint32_t>(2 * number));
+  }
+  MeshoptGlb quad = CompressedQuad(filtered.data());
+  quad.vertex_filter = "EXPONENTIAL";
+  EXPECT_EQ(MaxCornerDistance(ReadBytes(quad.Write()), kQuadCorners), 0);
 }
 
 TEST(ReadGltfCompressed, DamagedMeshoptimizerIsNamed) {
@@ -215,6 +272,12 @@ TEST(ReadGltfCompressed, DamagedMeshoptimizerIsNamed) {
   quad = CompressedQuad();
   quad.vertices.resize(quad.vertices.size() - 8);
   EXPECT_TRUE(Fails(quad.Write(), "the compressed bytes are damaged"));
+  quad = CompressedQuad();
+  quad.index_filter = "EXPONENTIAL";
+  EXPECT_TRUE(Fails(quad.Write(), "only ATTRIBUTES have a filter"));
+  quad = CompressedQuad();
+  quad.vertex_filter = "QUATERNION";
+  EXPECT_TRUE(Fails(quad.Write(), "expected the filter"));
 }
 
 TEST(ReadGltf, QuantizedPositionsAreMeasuredByTheirNode) {
@@ -311,11 +374,17 @@ TEST(ReadGltf, WhatTheMeshDoesNotHaveIsNamedByItsPlace) {
   gltf.AddAccessorOf(0, 5126, "VEC3", 5);
   gltf.AddAccessorOf(0, 5127, "VEC3", 4);
   gltf.AddAccessorOf(-1, 5126, "VEC3", 1u << 30);
+  gltf.AddFloats({0, 1, 2}, "SCALAR", 1);
   for (const auto& [primitive, message] : std::vector<std::pair<std::string, std::string>>{
            {R"("attributes":{"POSITION":0},"indices":1)",
             "primitives[0]: expected a vertex index below 4, found 4"},
-           {R"("attributes":{"POSITION":0},"indices":9)", "indices: expected an index of one of 5"},
-           {R"("attributes":{"POSITION":1})", "accessors[1]: expected a known componentType"},
+           {R"("attributes":{"POSITION":0},"indices":9)", "indices: expected an index of one of 6"},
+           {R"("attributes":{"POSITION":1})",
+            "accessors[1]: expected items of 3 numbers, found SCALAR"},
+           {R"("attributes":{"POSITION":0},"indices":5)",
+            "accessors[5]: expected the componentType of unsigned integers"},
+           {R"("attributes":{"POSITION":0},"mode":0)", "found a point cloud: 4 vertices"},
+           {R"("attributes":{},"indices":1)", "found no vertices and no faces"},
            {R"("attributes":{"POSITION":2})", "accessors[2]: it ends at 60 bytes of 48"},
            {R"("attributes":{"POSITION":3})", "accessors[3]: expected a known componentType"},
            {R"("attributes":{"POSITION":4})", "accessors[4]: it ends at"},
@@ -325,6 +394,61 @@ TEST(ReadGltf, WhatTheMeshDoesNotHaveIsNamedByItsPlace) {
   const std::string quad = R"("attributes":{"POSITION":0},"mode":6)";
   EXPECT_TRUE(Fails(gltf.Write(quad, R"(,"children":[0])"), "a node is the child of two"));
   EXPECT_TRUE(Fails(gltf.Write(quad, R"(,"children":[7])"), "expected an index of one of 1 nodes"));
+}
+
+// A mesh that two nodes show, one of them mirrored; a second set of texture coordinates; a picture
+// in WebP alone, and none that can be read.
+TEST(ReadGltf, MaterialsSayWhichTextureCoordinatesAndPicture) {
+  Gltf gltf;
+  gltf.AddFloats(kQuad, "VEC3", 3);
+  gltf.AddFloats(std::vector<float>(8, 0.5f), "VEC2", 2);
+  gltf.AddFloats({0.25, 0.5, 0.25, 0.5, 0.25, 0.5, 0.25, 0.5}, "VEC2", 2);
+  const auto write = [&](const std::string& texture) {
+    return gltf.Write(
+        R"("attributes":{"POSITION":0,"TEXCOORD_0":1,"TEXCOORD_1":2},"mode":6,"material":0)",
+        R"(,"children":[1]},{"mesh":0,"scale":[-1,1,1])",
+        R"(,"materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0,"texCoord":1}}}],
+"images":[{"uri":"picture.png"}],"textures":[{)" +
+            texture + "}]");
+  };
+  const TriangleMesh mesh = ReadBytes(write(R"("extensions":{"EXT_texture_webp":{"source":0}})"));
+  std::vector<Corner> expected = kQuadCorners;
+  for (const size_t i : {0, 2, 1, 3, 5, 4}) {
+    expected.push_back(kQuadCorners[i].cwiseProduct(Corner(-1, 1, 1)));
+  }
+  EXPECT_EQ(MaxCornerDistance(mesh, expected), 0);
+  EXPECT_EQ(mesh.textures.size(), 1u);
+  EXPECT_EQ(mesh.texture_coordinates[0], Eigen::Vector2f(0.25f, 0.5f));
+  const TriangleMesh plain = ReadBytes(write(R"("sampler":0)"));
+  ASSERT_EQ(plain.warnings.size(), 1u);
+  EXPECT_NE(plain.warnings[0].find("textures[0]: names no picture"), std::string::npos);
+}
+
+// White, where other primitives have a material; nothing in a file without any.
+TEST(ReadGltf, PrimitivesWithoutMaterialAreWhiteBesideOthers) {
+  Gltf gltf;
+  gltf.AddFloats(kQuad, "VEC3", 3);
+  const std::string two =
+      R"("attributes":{"POSITION":0},"mode":6},{"attributes":{"POSITION":0},"mode":6)";
+  const TriangleMesh mesh = ReadBytes(
+      gltf.Write(two + R"(,"material":0)", "",
+                 R"(,"materials":[{"pbrMetallicRoughness":{"baseColorFactor":[0,0,1,1]}}])"));
+  EXPECT_EQ(mesh.vertex_colors_rgb[mesh.triangles[0][0]], (std::array<uint8_t, 3>{255, 255, 255}));
+  EXPECT_EQ(mesh.vertex_colors_rgb[mesh.triangles[2][0]], (std::array<uint8_t, 3>{0, 0, 255}));
+  EXPECT_TRUE(ReadBytes(gltf.Write(two)).vertex_colors_rgb.empty());
+}
+
+TEST(ReadGltf, InstancesOfInstancesHaveAnEnd) {
+  Gltf gltf;
+  gltf.AddFloats(kQuad, "VEC3", 3);
+  gltf.AddFloats(std::vector<float>(3000000, 0), "VEC3", 3);
+  const std::string instances =
+      R"("extensions":{"EXT_mesh_gpu_instancing":{"attributes":{"TRANSLATION":1}}})";
+  std::string nodes = R"(,"children":[1,2,3,4])";
+  for (int i = 0; i < 4; ++i) nodes += R"(},{"mesh":0,)" + instances;
+  nodes.insert(0, "," + instances);
+  EXPECT_TRUE(Fails(gltf.Write(R"("attributes":{"POSITION":0},"mode":6)", nodes),
+                    "place more than 4194304 meshes"));
 }
 
 TEST(ReadGltf, NodesMayBeNestedButNotWithoutEnd) {

@@ -193,7 +193,9 @@ TEST(ReadTileset, InstancesStandWhereTheTileSays) {
                                        at(7, 308, 9) * Eigen::Scaling(0.5)};
   expect(I3dm(scaled, places + BytesOf<float>({2, 0.5}), TileGlb(hills)), twice, 1e-4);
   WriteFile(file.parent_path() / "a tree.glb", TileGlb(hills));
-  expect(I3dm(scaled, places + BytesOf<float>({2, 0.5}), "a%20tree.glb", 0), twice, 1e-4);
+  for (const std::string name : {"a%20tree.glb", "a tree.glb?v=1  "}) {
+    expect(I3dm(scaled, places + BytesOf<float>({2, 0.5}), name, 0), twice, 1e-4);
+  }
 
   // Up is where y goes, right is where x goes.
   Affine3d turned = at(100, 0, 5);
@@ -501,21 +503,31 @@ TEST(ReadTileset, TilesThatAreDamagedAreNamed) {
     EXPECT_TRUE(FailsWithInputError([&] { ReadMesh(file); }, {"tile: "})) << size;
   }
   const auto external = R"(,"buffers":[{"uri":"other.bin","byteLength":4}])";
-  for (const auto& [contents, message] : std::vector<std::pair<std::string, std::string>>{
-           {"nothing of the kind", "that begins with \"noth\""},
-           {Tile("b3dm", std::string(16, '\0') + "glTX"), "expected binary glTF"},
-           {B3dm(Tile("glTF", std::string(8, '\0'))), "version: expected glTF 2, found 1"},
-           {Tile("cmpt", std::string("\xff\xff\xff\xff", 4)), "damaged or truncated"},
-           {Tile("i3dm", ""), "damaged or truncated"},
-           {I3dm(R"({"INSTANCES_LENGTH":2})", "", TileGlb(HillPatch({0, 0}))), "expected POSITION"},
-           {I3dm(R"({"INSTANCES_LENGTH":2,"POSITION":{"byteOffset":4}})", std::string(24, '\0'),
-                 TileGlb(HillPatch({0, 0}))),
-            "POSITION.byteOffset: expected 6 numbers in 24 bytes"},
-           {I3dm(R"({"INSTANCES_LENGTH":1,"POSITION":{"byteOffset":0}})", std::string(12, '\0'),
-                 "../other.glb", 0),
-            "expected glTF below the tile's folder"},
-           {B3dm(TileGlb(HillPatch({0, 0}), "", external)),
-            "buffers[0].uri: expected the bytes in"}}) {
+  for (
+      const auto& [contents, message] : std::vector<std::pair<std::string, std::string>>{
+          {"nothing of the kind", "that begins with \"noth\""},
+          {Tile("b3dm", std::string(16, '\0') + "glTX"), "expected binary glTF"},
+          {B3dm(Tile("glTF", std::string(8, '\0'))), "version: expected glTF 2, found 1"},
+          {Tile("cmpt", std::string("\xff\xff\xff\xff", 4)), "damaged or truncated"},
+          {Tile("i3dm", ""), "damaged or truncated"},
+          {I3dm(R"({"INSTANCES_LENGTH":2})", "", TileGlb(HillPatch({0, 0}))), "expected POSITION"},
+          {I3dm(
+               R"({"INSTANCES_LENGTH":2,"POSITION":{"byteOffset":4}})", std::string(24, '\0'),
+               TileGlb(HillPatch({0, 0}))),
+           "POSITION.byteOffset: expected 6 numbers in 24 bytes"},
+          {I3dm(
+               R"({"INSTANCES_LENGTH":1,"POSITION":{"byteOffset":0}})", std::string(12, '\0'),
+               "../other.glb", 0),
+           "expected a file below the tileset's folder"},
+          {I3dm(
+               R"({"INSTANCES_LENGTH":1,"POSITION":{"byteOffset":0},"NORMAL_UP":{"byteOffset":0}})",
+               std::string(12, '\0'), TileGlb(HillPatch({0, 0}))),
+           "expected NORMAL_UP and NORMAL_RIGHT"},
+          {I3dm(R"({"INSTANCES_LENGTH":-3})", "", TileGlb(HillPatch({0, 0}))),
+           "INSTANCES_LENGTH: expected a number of instances"},
+          {I3dm("{}", "", "x.glb", 7), "INSTANCES_LENGTH\" is missing"},
+          {B3dm(TileGlb(HillPatch({0, 0}), "", external)),
+           "buffers[0].uri: expected the bytes in"}}) {
     WriteFile(tile, contents);
     EXPECT_TRUE(FailsWithInputError([&] { ReadMesh(file); }, {message})) << message;
   }

@@ -23,6 +23,7 @@ struct WalkFrame {
 struct Walk {
   std::vector<WalkFrame> frames = {};  // at least two, in the order of their times, which differ
   std::vector<std::string> warnings = {};
+  Rigid3 cam_from_body = {};  // that the frames' poses were led to the camera by
 };
 
 // Reads odometry of the named photographs. `odometry` is one of

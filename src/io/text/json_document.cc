@@ -62,6 +62,8 @@ bool JsonPlace::IsNull() const { return Of(value_).is_null(); }
 
 bool JsonPlace::IsArray() const { return Of(value_).is_array(); }
 
+bool JsonPlace::IsNumber() const { return Of(value_).is_number(); }
+
 bool JsonPlace::Has(std::string_view name) const {
   return Of(value_).is_object() && Of(value_).contains(name);
 }

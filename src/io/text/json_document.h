@@ -33,6 +33,7 @@ class JsonPlace {
 
   bool IsNull() const;
   bool IsArray() const;
+  bool IsNumber() const;
   std::string String() const;
   double Number() const;  // JSON has only finite ones
   int Int() const;
