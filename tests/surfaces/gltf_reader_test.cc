@@ -408,8 +408,8 @@ TEST(ReadGltf, MaterialsSayWhichTextureCoordinatesAndPicture) {
         R"("attributes":{"POSITION":0,"TEXCOORD_0":1,"TEXCOORD_1":2},"mode":6,"material":0)",
         R"(,"children":[1]},{"mesh":0,"scale":[-1,1,1])",
         R"(,"materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0,"texCoord":1}}}],
-"images":[{"uri":"picture.png"}],"textures":[{)" +
-            texture + "}]");
+"images":[{"uri":"data:image/png;base64,)" +
+            EncodeBase64(TestPicturePng()) + R"("}],"textures":[{)" + texture + "}]");
   };
   const TriangleMesh mesh = ReadBytes(write(R"("extensions":{"EXT_texture_webp":{"source":0}})"));
   std::vector<Corner> expected = kQuadCorners;
@@ -417,7 +417,7 @@ TEST(ReadGltf, MaterialsSayWhichTextureCoordinatesAndPicture) {
     expected.push_back(kQuadCorners[i].cwiseProduct(Corner(-1, 1, 1)));
   }
   EXPECT_EQ(MaxCornerDistance(mesh, expected), 0);
-  EXPECT_EQ(mesh.textures.size(), 1u);
+  ASSERT_EQ(mesh.textures.size(), 1u) << testing::PrintToString(mesh.warnings);
   EXPECT_EQ(mesh.texture_coordinates[0], Eigen::Vector2f(0.25f, 0.5f));
   const TriangleMesh plain = ReadBytes(write(R"("sampler":0)"));
   ASSERT_EQ(plain.warnings.size(), 1u);
