@@ -1,5 +1,6 @@
 // The module raylift._core and what becomes of C++ exceptions.
 
+#include <cstdio>
 #include <regex>
 
 #include "apps/interrupt.h"
@@ -153,6 +154,11 @@ void RefuseNumpyThatIsNotKnown() {
 #endif
 }
 
+// What is printed is there when a command ends, however it does; Python knows nothing of this buffer.
+struct FlushesOutput {
+  ~FlushesOutput() { std::fflush(stdout); }
+};
+
 void BindProgram(py::module_& module) {
   const auto python = py::module_::import("sys").attr("executable").cast<std::string>();
   TryMeshesBy({python, "-c",
@@ -160,6 +166,7 @@ void BindProgram(py::module_& module) {
   module.def(
       "run_command",
       [](const std::vector<std::string>& arguments, const std::optional<ProgressCall>& progress) {
+        const FlushesOutput flushes;
         WithoutLock(progress, [&] { RunCommand(arguments); });
       },
       py::arg("arguments"), py::kw_only(), py::arg("progress") = py::none(),

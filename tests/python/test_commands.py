@@ -1,4 +1,5 @@
 import json
+import os
 import subprocess
 import sys
 
@@ -249,6 +250,26 @@ def test_the_program(tmp_path):
     assert raylift_program("--version").stdout == f"raylift {raylift.__version__}\n"
     wrong = raylift_program("evaluate", "--poses", "missing.txt", "--ground-truth", "missing.txt")
     assert wrong.returncode == 3 and "missing.txt" in wrong.stderr
+
+
+def test_tables_are_printed_when_a_command_has_ended():
+    script = """
+import os, sys, raylift
+model = raylift.ColmapModel.read(sys.argv[1])
+poses = {image.name: image.cam_from_world for image in model.posed_images}
+raylift.evaluate(poses, sys.argv[1], quiet=False)
+os._exit(0)
+"""
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    run = subprocess.run([sys.executable, "-c", script, DEMO / "ground_truth"], text=True, capture_output=True,
+                         check=True, env=environment)
+    assert "100.0" in run.stdout
+
+
+def test_options_are_also_numpys_numbers(tmp_path):
+    raylift.render_dataset(f"mesh:{DEMO / 'scene.obj'}", tmp_path, model=DEMO / "model", scale=np.float64(0.05),
+                           every=np.int64(12))
+    assert raylift.read_depth(next(tmp_path.rglob("*.npy"))).shape == (24, 32)
 
 
 def test_help_is_no_error(capfd):

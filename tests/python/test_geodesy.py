@@ -304,7 +304,7 @@ def test_errors_of_located_pixels_are_as_large_as_they_are_said_to_be(tmp_path):
     names = list(images)
     pixels = [(name, *rng.uniform([0, 0], [images[name].camera.width, images[name].camera.height]))
               for name in rng.choice(names, 1000)]
-    (tmp_path / "pixels.txt").write_text("".join(f"{n} {x!r} {y!r}\n" for n, x, y in pixels))
+    (tmp_path / "pixels.txt").write_text("".join(f"{n} {float(x)!r} {float(y)!r}\n" for n, x, y in pixels))
     raylift.run("locate", str(tmp_path / "run"), pixels=tmp_path / "pixels.txt", out=tmp_path / "located.csv")
     within, count = 0, 0
     for (name, x, y), row in zip(pixels, csv.DictReader((tmp_path / "located.csv").open())):

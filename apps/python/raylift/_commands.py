@@ -20,7 +20,7 @@ Poses = Union["PathLike", Mapping[str, Union["PoseLike", _core.LocalizedQuery]]]
 
 def _text(value: object) -> str:
     if isinstance(value, float):
-        return repr(value)
+        return repr(float(value))  # of numpy's, too
     return str(os.fspath(value) if isinstance(value, os.PathLike) else value)
 
 
