@@ -43,6 +43,7 @@ struct PerturbFlags {
   DepthMisalignment misalignment;  // all but these two
   int frames = 0;
   DepthPerturbation perturbation;
+  MadeConfidence confidences = MadeConfidence::kNone;
   bool walk = false;
   path times;
   OdometryPerturbation odometry;
@@ -152,24 +153,33 @@ void Run(const PerturbFlags& flags, const std::string& options_json) {
   PrintWarnings(geometry.warnings);
   RequireWritable(flags.out / "perturbation.json");
   const Frames frames(images);
-  std::vector<std::filesystem::path> files(images.size());
+  std::vector<path> files(images.size()), of_confidence(images.size());
   std::atomic<size_t> dropped{0};
   {
     Progress progress("maps", images.size(), flags.run.Show());
     ParallelFor(images.size(), flags.run.threads, [&](size_t i) {
       const PosedImage* seen = frames.At(i, flags.frames);
       if (const auto map = seen != nullptr ? geometry.MapOf(*seen) : std::nullopt) {
-        const DepthMap worse = PerturbDepth(MisalignDepth(*map, images[i].camera, misalignment),
-                                            flags.perturbation, images[i].name);
-        files[i] = FileOfImage(flags.out, images[i].name, flags.format);
+        const DepthMap misaligned = MisalignDepth(*map, images[i].camera, misalignment);
         const CommittedFiles synced_later(CommittedFiles::Sync::kByPromise);
-        dropped += WriteDepthFile(files[i], worse, write_options).dropped;
+        const auto write = [&](std::vector<path>& written, const path& folder, const DepthMap& of) {
+          written[i] = FileOfImage(folder, images[i].name, flags.format);
+          dropped += WriteDepthFile(written[i], of, write_options).dropped;
+        };
+        write(files, flags.out, PerturbDepth(misaligned, flags.perturbation, images[i].name));
+        if (flags.confidences != MadeConfidence::kNone) {
+          write(of_confidence, flags.out / "confidence",
+                ConfidenceOfPerturbed(misaligned, flags.perturbation, flags.confidences,
+                                      images[i].name));
+        }
       }
       progress.Advance();
     });
   }
-  std::erase(files, std::filesystem::path());
-  SyncFiles(files);
+  for (std::vector<path>* written : {&files, &of_confidence}) {
+    std::erase(*written, path());
+    SyncFiles(*written);
+  }
   WriteFile(flags.out / "perturbation.json", options_json);
   if (dropped > 0) {
     PrintWarning(fmt::format("{} values that {} cannot hold were stored as holes", dropped.load(),
@@ -213,8 +223,11 @@ Command AddPerturbCommand(CLI::App& program) {
              fmt::format("{}; png in millimeters, bin as COLMAP has it",
                          fmt::join(FormatsOf(Product::kDepth), "|")));
   AddMisalignmentOptions(command, *flags);
-  OptionGroup(command, "Perturbation, in the order of application")
-      .Add(FieldsOf(flags->perturbation));
+  const OptionGroup perturbation(command, "Perturbation, in the order of application");
+  perturbation.Add(FieldsOf(flags->perturbation));
+  perturbation.Add("--confidences", flags->confidences,
+                   fmt::format("Those of a network, in OUT/confidence/DIR/STEM.FORMAT: {}",
+                               NameList<MadeConfidence>()));
   const OptionGroup walk(command, "Odometry");
   walk.Flag("--walk", flags->walk,
             "The images are a walk: its odometry is made instead of maps, odometry.txt\n"

@@ -299,4 +299,37 @@ DepthMap PerturbDepth(const DepthMap& map, const DepthPerturbation& perturbation
   return Perturber(map, perturbation, image_name).Run();
 }
 
+DepthMap ConfidenceOfPerturbed(const DepthMap& map, const DepthPerturbation& perturbation,
+                               MadeConfidence kind, std::string_view image_name) {
+  RAYLIFT_CHECK(kind != MadeConfidence::kNone);
+  DepthMap confidence = map;
+  if (kind == MadeConfidence::kRandom) {
+    constexpr double kSpread = 0.5;
+    std::fill(confidence.z.begin(), confidence.z.end(), 1.0F);
+    const DepthPerturbation field = {.warp_sigma = kSpread, .seed = ~perturbation.seed};
+    confidence = PerturbDepth(confidence, field, image_name);
+    for (float& value : confidence.z) value += 1;
+    return confidence;
+  }
+  constexpr double kBestError = 0.01, kReachPx = 2;
+  // Kinds draw from streams of their own: what these do to the depth is the same without the rest.
+  const DepthPerturbation unseen = {.scale = perturbation.scale,
+                                    .scale_sigma = perturbation.scale_sigma,
+                                    .offset = perturbation.offset,
+                                    .warp_sigma = perturbation.warp_sigma,
+                                    .seed = perturbation.seed};
+  const DepthMap right = PerturbDepth(map, unseen, image_name);
+  const DepthMap worse = PerturbDepth(map, perturbation, image_name);
+  for (size_t i = 0; i < map.z.size(); ++i) {
+    const bool is_known = right.z[i] > 0 && worse.z[i] > 0;
+    const double error = is_known ? std::log(static_cast<double>(worse.z[i] / right.z[i])) : 0;
+    confidence.z[i] = is_known ? static_cast<float>(error * error + kBestError * kBestError) : 0;
+  }
+  confidence = SmoothDepth(confidence, kReachPx);
+  for (float& value : confidence.z) {
+    if (value > 0) value = static_cast<float>(1 + kBestError / std::sqrt(double{value}));
+  }
+  return confidence;
+}
+
 }  // namespace raylift

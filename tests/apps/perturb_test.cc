@@ -41,6 +41,18 @@ TEST(Perturb, WritesMapsOfEveryFormatThatItReadsAgain) {
   }
 }
 
+TEST(Perturb, WritesConfidencesBesideTheMaps) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const fs::path out = scene.folder / "network";
+  ASSERT_TRUE(Succeeds(RunRaylift(Perturb(scene, out) +
+                                  Arguments{"--bubbles", "3", "--confidences", "informative"})));
+  for (const PosedImage& reference : scene.references) {
+    const auto file = fs::path(reference.name).replace_extension(".npy");
+    EXPECT_EQ(ReadDepthFile(out / "confidence" / file).values.size(),
+              ReadDepthFile(out / file).values.size());
+  }
+}
+
 TEST(Perturb, TheSameBytesForAnyNumberOfThreads) {
   const RoomScene scene = WriteRoomScene(TestFolder());
   const Arguments noise = {"--noise", "0.01", "--warp", "0.02", "--floaters", "5"};

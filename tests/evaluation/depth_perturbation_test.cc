@@ -118,6 +118,26 @@ TEST(PerturbDepth, FloatersAndBubblesAreInFront) {
   }
 }
 
+TEST(ConfidenceOfPerturbed, FallsWithErrorsThatAreNoScaleWhereItIsInformative) {
+  const DepthMap map = Scene();
+  const DepthPerturbation kind = {.scale_sigma = 0.4, .warp_sigma = 0.05, .bubbles = 4};
+  const DepthMap unseen = PerturbDepth(map, {.scale_sigma = 0.4, .warp_sigma = 0.05}, "a");
+  const DepthMap worse = PerturbDepth(map, kind, "a");
+  const DepthMap told = ConfidenceOfPerturbed(map, kind, MadeConfidence::kInformative, "a");
+  const DepthMap random = ConfidenceOfPerturbed(map, kind, MadeConfidence::kRandom, "a");
+  float most_of_wrong = 0, most = 0;
+  for (size_t i = 0; i < map.z.size(); ++i) {
+    if (map.z[i] == 0) continue;
+    const double error = std::abs(std::log(static_cast<double>(worse.z[i] / unseen.z[i])));
+    if (error > 0.1) most_of_wrong = std::max(most_of_wrong, told.z[i]);
+    most = std::max(most, told.z[i]);
+    EXPECT_GT(random.z[i], 1);
+  }
+  EXPECT_LT(most_of_wrong, 1.3F);
+  EXPECT_GT(most, 1.9F);
+  EXPECT_NE(random.z, told.z);
+}
+
 TEST(PerturbDepth, RefusesNonsense) {
   EXPECT_THROW(DepthPerturbation{.scale = 0}.Validate(), OptionError);
   EXPECT_THROW(DepthPerturbation{.noise_sigma = -1}.Validate(), OptionError);

@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <string_view>
 
+#include "raylift/base/enum_names.h"
 #include "raylift/scene/image.h"
 
 namespace raylift {
@@ -43,5 +44,22 @@ DepthMap SmoothDepth(const DepthMap& map, double sigma_px);
 
 DepthMap PerturbDepth(const DepthMap& map, const DepthPerturbation& perturbation,
                       std::string_view image_name);
+
+// What a network says beside its depth.
+enum class MadeConfidence {
+  kNone,
+  kInformative,  // falls with the size of the errors around, but knows of no scale and no warp
+  kRandom,       // a smooth field that tells nothing
+};
+template <>
+inline constexpr auto kEnumNames<MadeConfidence> = std::to_array<EnumName<MadeConfidence>>({
+    {MadeConfidence::kNone, "none"},
+    {MadeConfidence::kInformative, "informative"},
+    {MadeConfidence::kRandom, "random"},
+});
+
+// Returns the confidences, from 1 on, of what PerturbDepth() makes of a map. Not of kNone.
+DepthMap ConfidenceOfPerturbed(const DepthMap& map, const DepthPerturbation& perturbation,
+                               MadeConfidence kind, std::string_view image_name);
 
 }  // namespace raylift
