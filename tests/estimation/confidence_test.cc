@@ -185,6 +185,21 @@ TEST(Support, InliersOfUncertainPointsProveLittle) {
   EXPECT_GT(log_false_alarms(0), 0);
 }
 
+TEST(Support, AnUncertainPointBesideTheCameraLeavesTheOthersTheirWorth) {
+  // It is an inlier wherever its keypoint is; they are not.
+  Rng rng = TestRng();
+  CoherentProblem made = MakeCoherentProblem("beside", {}, rng);
+  Match2D3D beside = made.problem.matches_2d3d.front();
+  const auto ray = made.problem.query_camera.RayInCam(beside.query_px);
+  beside.point_in_world = made.query_from_world.Inverse() * Eigen::Vector3d(1e-3 * *ray);
+  made.problem.matches_2d3d.push_back(beside);
+  const NormalizedProblem prepared(made.problem, 8, 2, rng, 0.05);
+  EXPECT_LT(InlierAssessor(made.problem, prepared, MatchSets::k2D3D, 100)
+                .Assess(prepared.ToLocal(made.query_from_world))
+                .log_false_alarms,
+            -50);
+}
+
 TEST(Support, PairsOfOneReferenceDoNotTellTheDistance) {
   Rng rng = TestRng();
   for (int i = 0; i < 5; ++i) {

@@ -126,11 +126,14 @@ size_t InlierAssessor::KeypointOf(size_t match) const {
 }
 
 double InlierAssessor::Widening2D3D(const CamFromLocal& pose) const {
+  // Nothing is likelier than all of the area: not even a point beside the camera.
+  const double most = std::max(
+      1.0, area_px2_ / (std::numbers::pi * std::pow(problem_.reprojection_threshold_px, 2)));
   double sum = 0;
   for (const NormalizedMatch2D3D& point : problem_.matches_2d3d) {
     const double depth = point.image_from_ray.row(2).dot(
         pose.rotation * point.point + problem_.PoseOfCamera(pose, point.camera).translation);
-    sum += 1 + (depth > 0 ? point.variance_at_unit_depth / (depth * depth) : 0);
+    sum += depth > 0 ? std::min(1 + point.variance_at_unit_depth / (depth * depth), most) : 1;
   }
   return problem_.matches_2d3d.empty() ? 1
                                        : sum / static_cast<double>(problem_.matches_2d3d.size());
