@@ -8,6 +8,7 @@
 #include "apps/localize_flags.h"
 #include "apps/localize_inputs.h"
 #include "apps/options.h"
+#include "lifting/alignment_text.h"
 #include "lifting/mesh_spec.h"
 #include <fmt/format.h>
 
@@ -39,9 +40,14 @@ void Run(LocalizeFlags flags) {
   });
   WriteSceneCalibration(file, *scene.calibration);
   if (flags.run.quiet) return;
-  for (const SceneSource& source : scene.sources) {
-    if (!source.alignment || source.alignment->mode == AlignMode::kOff) continue;
-    fmt::print("{}: depth is corrected by {}\n", source.spec, ToString(source.alignment->mode));
+  for (size_t i = 0; i < scene.sources.size(); ++i) {
+    const SceneSource& source = scene.sources[i];
+    if (source.alignment && source.alignment->mode != AlignMode::kOff) {
+      fmt::print("{}: depth is corrected by {}\n", source.spec, ToString(source.alignment->mode));
+    }
+    if (const auto worth = ConfidencesOf(scene, i)) {
+      fmt::print("{}: {}\n", source.spec, Describe(*worth));
+    }
   }
   const auto& noise = scene.calibration->match_noise;
   fmt::print("noise of matches, by {}: {}\n", ToString(scene.calibration->by),

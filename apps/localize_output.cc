@@ -14,6 +14,7 @@
 #include "raylift/base/file.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/pose_problem_json.h"
+#include "raylift/localization/scene_calibration.h"
 
 namespace raylift {
 namespace {
@@ -106,12 +107,17 @@ void LocalizeOutput::Finish(const std::vector<LocalizedQuery>& localized, const 
 }
 
 void LocalizeOutput::Print(const std::vector<LocalizedQuery>& localized, const Run& run) const {
-  for (const SceneSource& source : run.scene.sources) {
+  for (size_t i = 0; i < run.scene.sources.size(); ++i) {
+    const SceneSource& source = run.scene.sources[i];
     if (source.geometry.kind == GeometryKind::kDepth) {
       fmt::print("read {} as {}\n", source.spec, source.geometry.understood);
     }
-    if (!source.alignment || source.alignment->mode == AlignMode::kOff) continue;
-    fmt::print("aligned {} {}\n", source.spec, Describe(*source.alignment));
+    if (source.alignment && source.alignment->mode != AlignMode::kOff) {
+      fmt::print("aligned {} {}\n", source.spec, Describe(*source.alignment));
+    }
+    if (const auto worth = ConfidencesOf(run.scene, i)) {
+      fmt::print("{}: {}\n", source.spec, Describe(*worth));
+    }
   }
   size_t count = 0;
   for (const LocalizedQuery& query : localized) count += query.localized() ? 1 : 0;

@@ -53,6 +53,20 @@ std::string Describe(const DepthAlignment& alignment) {
                      alignment.median_after_px);
 }
 
+std::string Describe(const ConfidenceWorth& worth) {
+  if (!worth.tells()) {
+    return fmt::format(
+        "confidences tell nothing of the depth's noise and are dropped: it is {:.2g} % on the "
+        "whole, "
+        "by {} matches",
+        100 * worth.common_sigma, worth.num_matches);
+  }
+  const ConfidenceWorth::Knot &least = worth.knots.front(), &most = worth.knots.back();
+  return fmt::format(
+      "confidences tell how noisy the depth is: {:.2g} % at {:.3g}, {:.2g} % at {:.3g}",
+      100 * least.sigma, least.confidence, 100 * most.sigma, most.confidence);
+}
+
 std::optional<std::string> WarnOfFactors(const DepthAlignment& alignment) {
   if (alignment.mode == AlignMode::kOff) return std::nullopt;
   std::vector<std::string> parts;

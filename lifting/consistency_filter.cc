@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <utility>
 
 #include "base/statistics.h"
@@ -48,33 +47,6 @@ std::vector<EpipolarError> EpipolarErrors(std::span<const PosedImage> references
   return result;
 }
 
-// The standard deviation of errors of which an unknown share is normal around 0 and the others,
-// from wrong matches, are anywhere within the range: by expectation maximization.
-double DeviationAmongOutliers(const std::vector<double>& errors_px, double range_px) {
-  constexpr int kIterations = 30;
-  constexpr double kSmallest = 0.1;  // px, below what any keypoint reaches
-  const double outlier_density = 1 / (2 * range_px);
-  double deviation = 1;
-  double share = 0.7;
-  for (int iteration = 0; iteration < kIterations; ++iteration) {
-    double weights = 0, squares = 0;
-    size_t count = 0;
-    for (const double e : errors_px) {
-      if (!(std::abs(e) < range_px)) continue;
-      ++count;
-      const double normal = share * std::exp(-0.5 * e * e / (deviation * deviation)) /
-                            (deviation * std::sqrt(2 * std::numbers::pi));
-      const double weight = normal / (normal + (1 - share) * outlier_density);
-      weights += weight;
-      squares += weight * e * e;
-    }
-    if (count == 0 || weights == 0) break;
-    share = weights / static_cast<double>(count);
-    deviation = std::max(kSmallest, std::sqrt(squares / weights));
-  }
-  return deviation;
-}
-
 double MedianGain(const std::vector<EpipolarError>& errors) {
   std::vector<double> gains;
   gains.reserve(errors.size());
@@ -97,6 +69,14 @@ struct DepthEvidence {
   size_t num_agreeing = 0;
   size_t num_views = 0;
 };
+
+// Returns the deviation of a point's log depth, where its source knows it.
+std::optional<double> DeviationOf(std::span<const PosedImage> references, const Match2D3D& point) {
+  if (!point.reference || !(point.point_sigma.value_or(0) > 0)) return std::nullopt;
+  const PosedImage& reference = references[static_cast<size_t>(*point.reference)];
+  const double distance = (point.point_in_world - reference.cam_from_world.OriginInSource()).norm();
+  return *point.point_sigma / distance;
+}
 
 }  // namespace
 
@@ -138,8 +118,10 @@ std::optional<MultiViewTrust> EstimateTrust(std::span<const PosedImage> referenc
   // A hundredth of a pixel, so that perfect geometry has a finite precision.
   const double prior_deviation = std::max(geometry_px, 0.01) / typical_gain_px;
   MultiViewTrust trust{.noise = {keypoints_px, geometry_px, agreeing.size()}, .points = {}};
-  for (const DepthEvidence& e : evidence) {
-    const double precision = e.precision + 1 / (prior_deviation * prior_deviation);
+  for (size_t i = 0; i < points.size(); ++i) {
+    const DepthEvidence& e = evidence[i];
+    const double before = DeviationOf(references, points[i]).value_or(prior_deviation);
+    const double precision = e.precision + 1 / (before * before);
     const double mean = e.weighted_sum / precision;
     trust.points.push_back(
         {.seen_by_others = e.num_agreeing > 0,

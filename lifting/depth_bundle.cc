@@ -172,10 +172,11 @@ DepthBundle::DepthBundle(const path& file, const DepthConvention& convention)
   const Arrays arrays(file);
   layer_ = arrays.LayerOf(convention.layer);
   maps_ = layout_.points ? ReadPoints(arrays, layer_, layout_) : ReadMaps(arrays, layer_, layout_);
-  if (!convention.confidence_pattern.empty()) {
+  // A preset's tool may have written neither confidences nor poses.
+  if (!convention.confidence_pattern.empty() &&
+      (convention.confidence_threshold || arrays.Has(convention.confidence_pattern))) {
     confidences_ = ReadMaps(arrays, convention.confidence_pattern, layout_);
   }
-  // A preset's tool may have written none.
   const bool is_preset = !layout_.files.empty();
   if (!layout_.poses.empty() && (!is_preset || arrays.Has(layout_.poses))) {
     poses_ = ReadPoses(arrays, layout_);

@@ -29,6 +29,7 @@ class DepthBundle {
   // Return what is stored of an image that the bundle has; of points, their depth.
   StoredDepth Map(const PosedImage& image) const;
   std::optional<StoredDepth> Confidence(const PosedImage& image) const;
+  bool has_confidences() const { return confidences_.has_value(); }
 
   // InputError where points lie along the rays of their pixels in another frame than that which
   // they are said to be in.

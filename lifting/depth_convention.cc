@@ -346,8 +346,8 @@ DepthMap ToDepthMap(const StoredDepth& stored, const Camera& camera,
     RAYLIFT_CHECK_EQ(ray_z.size(), map.z.size());
     for (size_t i = 0; i < map.z.size(); ++i) map.z[i] *= std::max(ray_z[i], 0.0f);
   }
-  if (confidence != nullptr) {
-    DropUntrusted(*confidence, convention.confidence_threshold, map);
+  if (confidence != nullptr && convention.confidence_threshold) {
+    DropUntrusted(*confidence, *convention.confidence_threshold, map);
   }
   if (convention.sensor) {
     return RegisterDepth(map, *convention.sensor, camera.Scaled(map.width_px, map.height_px));

@@ -247,9 +247,21 @@ struct DepthFolder::Impl {
   }
 
   std::optional<StoredDepth> ReadConfidence(const PosedImage& reference) const {
-    if (bundle) return bundle->Confidence(reference);
+    if (bundle) {
+      auto stored = bundle->Confidence(reference);
+      if (stored) stored = OnImage(*std::move(stored), reference);
+      return stored;
+    }
     if (convention.confidence_pattern.empty()) return std::nullopt;
-    return ReadDepthFile(folder / ExpandPattern(convention.confidence_pattern, reference.name));
+    StoredDepth stored =
+        ReadDepthFile(folder / ExpandPattern(convention.confidence_pattern, reference.name));
+    return OnImage(std::move(stored), reference);
+  }
+
+  MapPointer ReadConfidences(const PosedImage& reference) const {
+    StoredDepth stored = ReadConfidence(reference).value();
+    return std::make_shared<const DepthMap>(
+        DepthMap{stored.width_px, stored.height_px, std::move(stored.values)});
   }
 
   // The samples as they lie on the whole image.
@@ -261,8 +273,8 @@ struct DepthFolder::Impl {
 
   MapPointer Read(const PosedImage& reference) const {
     const StoredDepth stored = OnImage(ReadStored(reference), reference);
-    std::optional<StoredDepth> confidence = ReadConfidence(reference);
-    if (confidence) confidence = OnImage(*std::move(confidence), reference);
+    const auto confidence =
+        convention.confidence_threshold ? ReadConfidence(reference) : std::nullopt;
     std::shared_ptr<const std::vector<float>> rays;
     if (convention.kind == DepthKind::kRay) {
       const Camera& camera = convention.sensor ? convention.sensor->camera : reference.camera;
@@ -308,21 +320,23 @@ struct DepthFolder::Impl {
     return std::nullopt;
   }
 
-  MapPointer Load(const PosedImage& reference) const {
+  // Returns the map of this name in the cache, which `read` reads.
+  MapPointer Load(const std::string& name, const PosedImage& reference,
+                  MapPointer (Impl::*read)(const PosedImage&) const) const {
     std::promise<MapPointer> promise;
-    if (const auto other = FindOrEnter(reference.name, promise)) return other->get();
+    if (const auto other = FindOrEnter(name, promise)) return other->get();
     try {
-      MapPointer map = Read(reference);
+      MapPointer map = (this->*read)(reference);
       promise.set_value(map);
       const std::lock_guard<std::mutex> lock(mutex);
-      Entry& entry = cache.at(reference.name);
+      Entry& entry = cache.at(name);
       entry.bytes = map->z.size() * sizeof(float);
       cache_bytes += entry.bytes;
       MakeRoom();
       return map;
     } catch (...) {
       promise.set_exception(std::current_exception());
-      Forget(reference.name);
+      Forget(name);
       throw;
     }
   }
@@ -392,7 +406,20 @@ DepthFolder::~DepthFolder() = default;
 const DepthConvention& DepthFolder::convention() const { return impl_->convention; }
 
 std::shared_ptr<const DepthMap> DepthFolder::Load(const PosedImage& reference) const {
-  return impl_->Has(reference.name) ? impl_->Load(reference) : nullptr;
+  if (!impl_->Has(reference.name)) return nullptr;
+  return impl_->Load(reference.name, reference, &Impl::Read);
+}
+
+bool DepthFolder::HasConfidences() const {
+  if (impl_->convention.sensor) return false;  // they lie as the sensor sees them
+  return impl_->bundle ? impl_->bundle->has_confidences()
+                       : !impl_->convention.confidence_pattern.empty();
+}
+
+std::shared_ptr<const DepthMap> DepthFolder::LoadConfidence(const PosedImage& reference) const {
+  if (!HasConfidences() || !impl_->Has(reference.name)) return nullptr;
+  // No name of a file has a line's end.
+  return impl_->Load(reference.name + "\nconfidence", reference, &Impl::ReadConfidences);
 }
 
 namespace {

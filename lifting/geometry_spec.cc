@@ -186,11 +186,15 @@ DepthConvention TakeConvention(SpecKeys& keys, const GeometryContext& context) {
   convention.bundle.poses = keys.Take("poses").value_or(convention.bundle.poses);
   convention.bundle.pose_convention =
       keys.TakeNamed<PoseConvention>("poses_are").value_or(convention.bundle.pose_convention);
-  // The confidences that a preset knows are those of a threshold that is given.
-  if (!keys.Has("confidence_threshold")) convention.confidence_pattern.clear();
-  convention.confidence_pattern = keys.Take("confidence").value_or(convention.confidence_pattern);
-  convention.confidence_threshold =
-      keys.TakeNumber("confidence_threshold", 0).value_or(convention.confidence_threshold);
+  // What the confidences that a preset knows mean is learned.
+  if (!convention.confidence_pattern.empty()) convention.confidence_threshold.reset();
+  if (auto pattern = keys.Take("confidence")) {
+    convention.confidence_pattern = std::move(*pattern);
+    convention.confidence_threshold = DepthConvention().confidence_threshold;
+  }
+  if (const auto threshold = keys.TakeNumber("confidence_threshold", 0)) {
+    convention.confidence_threshold = threshold;
+  }
   return convention;
 }
 

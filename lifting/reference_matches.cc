@@ -1,6 +1,8 @@
 #include "lifting/reference_matches.h"
 
 #include <algorithm>
+#include <cmath>
+#include <numbers>
 #include <tuple>
 
 #include <Eigen/Geometry>
@@ -34,6 +36,31 @@ std::vector<std::vector<size_t>> GroupByPlace(std::span<const Match2D2D> matches
 }
 
 }  // namespace
+
+double DeviationAmongOutliers(const std::vector<double>& errors_px, double range_px) {
+  constexpr int kIterations = 30;
+  constexpr double kSmallest = 0.1;  // px, below what any keypoint reaches
+  const double outlier_density = 1 / (2 * range_px);
+  double deviation = 1;
+  double share = 0.7;
+  for (int iteration = 0; iteration < kIterations; ++iteration) {
+    double weights = 0, squares = 0;
+    size_t count = 0;
+    for (const double e : errors_px) {
+      if (!(std::abs(e) < range_px)) continue;
+      ++count;
+      const double normal = share * std::exp(-0.5 * e * e / (deviation * deviation)) /
+                            (deviation * std::sqrt(2 * std::numbers::pi));
+      const double weight = normal / (normal + (1 - share) * outlier_density);
+      weights += weight;
+      squares += weight * e * e;
+    }
+    if (count == 0 || weights == 0) break;
+    share = weights / static_cast<double>(count);
+    deviation = std::max(kSmallest, std::sqrt(squares / weights));
+  }
+  return deviation;
+}
 
 std::vector<ReferenceMatch> TransitiveMatches(std::span<const Match2D2D> matches) {
   std::vector<ReferenceMatch> pairs;

@@ -46,6 +46,10 @@ std::optional<TriangulatedDepth> TriangulateDepth(const SightLine& line_in_other
                                                   const Camera& other_camera,
                                                   const Eigen::Vector2d& other_px);
 
+// Returns the standard deviation of errors of which an unknown share is normal around 0 and the
+// others, from wrong matches, are anywhere within the range: by expectation maximization.
+double DeviationAmongOutliers(const std::vector<double>& errors_px, double range_px);
+
 // Agreement of the references on lifted points: a query keypoint that was matched with several
 // references has a lifted point from each of them, and every one of these points should project
 // onto the matched keypoint of all the others.

@@ -38,6 +38,22 @@ std::vector<std::optional<DepthAlignment>> AlignSources(const Scene& scene, Alig
   return alignments;
 }
 
+// Empty where no source has confidences.
+std::vector<std::optional<ConfidenceWorth>> LearnConfidences(
+    const Scene& scene, std::span<const std::optional<DepthAlignment>> alignments,
+    std::span<const ReferenceMatch> matches, int threads) {
+  std::vector<std::optional<ConfidenceWorth>> found(scene.sources.size());
+  for (size_t i = 0; i < found.size(); ++i) {
+    const NamedGeometry& geometry = scene.sources[i].geometry;
+    if (geometry.maps == nullptr || !geometry.maps->HasConfidences()) continue;
+    found[i] =
+        LearnConfidence(*geometry.source, *geometry.maps, alignments[i].value_or(DepthAlignment()),
+                        scene.references.images, matches, threads);
+  }
+  const bool any = std::any_of(found.begin(), found.end(), [](const auto& of) { return !!of; });
+  return any ? found : std::vector<std::optional<ConfidenceWorth>>();
+}
+
 std::optional<SceneNoise> LearnMatchNoise(const CalibrationImages& images, const Scene& scene,
                                           const CalibrationOptions& options) {
   const bool is_of_use =
@@ -70,10 +86,10 @@ Scene Calibrate(const Scene& scene, const std::shared_ptr<const MatchSource>& ma
     std::vector<Query> asked;
     const size_t most = mode == AlignMode::kAuto ? kImagesOfAuto : images.images.size();
     for (const size_t i : SampleByName(images.images, most)) asked.push_back(images.images[i]);
-    found.depth = AlignSources(
-        scene, mode,
-        CollectReferenceMatches(asked, *images.matches, scene.references, options.threads),
-        options.threads);
+    const std::vector<ReferenceMatch> among_references =
+        CollectReferenceMatches(asked, *images.matches, scene.references, options.threads);
+    found.depth = AlignSources(scene, mode, among_references, options.threads);
+    found.confidences = LearnConfidences(scene, found.depth, among_references, options.threads);
   }
   const bool by_queries = options.noise_by == CalibratedBy::kQueries && !queries.empty();
   const CalibrationImages tell_noise =
@@ -96,10 +112,11 @@ Scene Calibrate(const Scene& scene, const std::shared_ptr<const MatchSource>& ma
 Scene Calibrated(const Scene& scene, std::shared_ptr<const SceneCalibration> calibration) {
   RAYLIFT_CHECK(calibration != nullptr);
   const auto& depth = calibration->depth;
-  if (!depth.empty() && depth.size() != scene.sources.size()) {
+  for (const size_t count : {depth.size(), calibration->confidences.size()}) {
+    if (count == 0 || count == scene.sources.size()) continue;
     throw InputError(
-        fmt::format("the calibration is of a scene with {} sources of geometry, found {}",
-                    depth.size(), scene.sources.size()));
+        fmt::format("the calibration is of a scene with {} sources of geometry, found {}", count,
+                    scene.sources.size()));
   }
   std::set<std::string> names;
   for (const PosedImage& image : scene.references.images) names.insert(image.name);
@@ -116,6 +133,17 @@ Scene Calibrated(const Scene& scene, std::shared_ptr<const SceneCalibration> cal
     if (source.as_read == nullptr) source.as_read = source.geometry.source;
     source.geometry.source = std::make_shared<const AlignedSource>(source.as_read, corrections);
   }
+  for (size_t i = 0; i < calibration->confidences.size(); ++i) {
+    const auto& worth = calibration->confidences[i];
+    if (!worth || !worth->tells()) continue;
+    NamedGeometry& geometry = calibrated.sources[i].geometry;
+    if (geometry.maps == nullptr || !geometry.maps->HasConfidences()) {
+      throw InputError(fmt::format("the calibration weighs confidences that {} does not have",
+                                   calibrated.sources[i].spec));
+    }
+    if (calibrated.sources[i].as_read == nullptr) calibrated.sources[i].as_read = geometry.source;
+    geometry.source = std::make_shared<const WeighedSource>(geometry.source, geometry.maps, *worth);
+  }
   calibrated.calibration = std::move(calibration);
   return calibrated;
 }
@@ -127,6 +155,12 @@ Scene Aligned(const Scene& scene, AlignMode mode, std::span<const ReferenceMatch
                                         .depth = AlignSources(scene, mode, matches, threads)}));
   aligned.calibration = scene.calibration;
   return aligned;
+}
+
+std::optional<ConfidenceWorth> ConfidencesOf(const Scene& scene, size_t source) {
+  if (scene.calibration == nullptr) return std::nullopt;
+  const auto& confidences = scene.calibration->confidences;
+  return source < confidences.size() ? confidences[source] : std::nullopt;
 }
 
 std::string FormatSceneCalibration(const SceneCalibration& calibration) {

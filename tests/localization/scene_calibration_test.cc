@@ -29,6 +29,9 @@ SceneCalibration MakeCalibration() {
                             .median_before_px = kNone,
                             .median_after_px = kNone});
   calibration.depth = {std::nullopt, alignment};
+  calibration.confidences = {std::nullopt, ConfidenceWorth{.knots = {{1.0 / 7, 0.1}, {0.9, 0.01}},
+                                                           .common_sigma = 0.03,
+                                                           .num_matches = 12}};
   calibration.geometry_noise = {.keypoints_px = 0.7, .geometry_px = 3.1, .num_views = 41};
   calibration.match_noise = {.keypoint_px = {1.1, 30.5},
                              .depth = {0.01, 7},
@@ -91,6 +94,7 @@ TEST_F(CalibratedRoom, FilesWithoutPairsOfReferencesAreCalibratedByQueriesInAnyO
 TEST_F(CalibratedRoom, ALocalizerTakesWhatTheSceneKnows) {
   auto known = std::make_shared<SceneCalibration>(MakeCalibration());
   known->depth.clear();
+  known->confidences.clear();
   const auto scene = std::make_shared<const Scene>(Calibrated(scene_, known));
   EXPECT_EQ(Localizer(scene, nullptr, {}).options().estimator.scene_noise, known->match_noise);
   EXPECT_FALSE(Localizer(scene, nullptr, {}).options().filter.scene_noise);
@@ -103,6 +107,8 @@ TEST_F(CalibratedRoom, AnotherScenesCalibrationIsRefused) {
   auto other = std::make_shared<SceneCalibration>(MakeCalibration());
   EXPECT_TRUE(FailsWithInputError([&] { Calibrated(scene_, other); }, {"2 sources", "found 1"}));
   other->depth.erase(other->depth.begin());
+  EXPECT_TRUE(FailsWithInputError([&] { Calibrated(scene_, other); }, {"2 sources", "found 1"}));
+  other->confidences.clear();
   EXPECT_TRUE(FailsWithInputError([&] { Calibrated(scene_, other); }, {"none of the scene's"}));
 }
 

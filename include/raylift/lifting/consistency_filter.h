@@ -26,7 +26,8 @@ namespace raylift {
 //
 // Else the error in log depth of each point is estimated from its views: a view in which one unit
 // of it moves the projection by g px along the line measures it as -a / g with deviation s_n / g;
-// before any view it is 0 with deviation s_g / G, G being the median of g. The point's expected
+// before any view it is 0 with deviation s_g / G, G being the median of g, or with the deviation
+// that the point carries (point_sigma). The point's expected
 // error in a further view, G sqrt(mean^2 + variance), must be of the order of s_n. So a point that
 // no other reference sees well enough is as good as the geometry is on the whole.
 //

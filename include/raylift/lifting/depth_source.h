@@ -130,8 +130,10 @@ struct DepthConvention {
   std::optional<DepthSensor> sensor = std::nullopt;
 
   // A second map that says how far each depth can be trusted; below the threshold there is none.
+  // Above it, what confidences are worth is learned (depth_confidence.h).
   std::string confidence_pattern = {};  // of a bundle: the array's name; empty: there is none
-  double confidence_threshold = 0.5;    // in stored values
+  // In stored values; nullopt: none is dropped.
+  std::optional<double> confidence_threshold = 0.5;
 };
 
 // The depth maps of the references of a scene, found, loaded and converted when they are needed.
@@ -146,6 +148,11 @@ class DepthFolder {
   // The converted map of a reference; null where there is none. Maps are kept while the cache has
   // room. Thread safe: a map is read once even where many threads ask for it.
   std::shared_ptr<const DepthMap> Load(const PosedImage& reference) const;
+  // Returns whether there are confidences that are known of a reference's pixels: a sensor's lie
+  // as the sensor sees them.
+  bool HasConfidences() const;
+  // Those of a reference's map, as stored; null where there are none.
+  std::shared_ptr<const DepthMap> LoadConfidence(const PosedImage& reference) const;
 
   // Says how the files were read ("PNG uint16 640 x 480, z, 1 is 0.001").
   const std::string& understood() const { return understood_; }

@@ -27,6 +27,7 @@
 #include "raylift/estimation/match_noise.h"
 #include "raylift/lifting/consistency_filter.h"
 #include "raylift/lifting/depth_alignment.h"
+#include "raylift/lifting/depth_confidence.h"
 #include "raylift/localization/localizer.h"
 #include "raylift/localization/scene.h"
 
@@ -45,6 +46,9 @@ struct SceneCalibration {
   // How the depth of each source is corrected, in the order of the scene's; nullopt where it is
   // left as it is. Empty where nothing was asked.
   std::vector<std::optional<DepthAlignment>> depth = {};
+  // What the confidences beside each source's depth are worth, nullopt where there are none. Empty
+  // where no source has any.
+  std::vector<std::optional<ConfidenceWorth>> confidences = {};
   // Of the lifted points, for the automatic filter, and of a query's matches; nullopt where it is
   // not known: each query then finds its own.
   std::optional<MultiViewNoise> geometry_noise = std::nullopt;
@@ -78,6 +82,9 @@ Scene Calibrate(const Scene& scene, const std::shared_ptr<const MatchSource>& ma
 // Returns the scene with its depth corrected as the calibration says. Throws InputError where that
 // is of a scene with other sources of geometry or other references.
 Scene Calibrated(const Scene& scene, std::shared_ptr<const SceneCalibration> calibration);
+
+// Returns what is known of the confidences beside a source's depth; nullopt where nothing is.
+std::optional<ConfidenceWorth> ConfidencesOf(const Scene& scene, size_t source);
 
 // JSON both ways: what is parsed is what was formatted, to the last bit. Throws InputError for text
 // that is no calibration.

@@ -3,7 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <utility>
+#include <vector>
 
+#include "base/statistics.h"
 #include "estimation/refinement/refinement.h"
 
 #include "raylift/scene/pose_problem.h"
@@ -14,6 +17,13 @@ namespace {
 // 1 / (1 + NFA).
 double ProbabilityOfNoChance(double log_false_alarms) {
   return 1 / (1 + std::exp(std::min(log_false_alarms, 700.0)));
+}
+
+// Returns the median standard deviation that points carry, as a share of a distance.
+double CarriedSigma(const NormalizedProblem& problem, double distance) {
+  std::vector<double> sigmas;
+  for (const NormalizedMatch2D3D& match : problem.matches_2d3d) sigmas.push_back(match.sigma);
+  return distance > 0 ? UpperMedianOr(std::move(sigmas), 0) / distance : 0;
 }
 
 }  // namespace
@@ -67,7 +77,8 @@ void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& norma
   if (Has2D2D(assessed.scored)) {
     DepthScale scale;
     if (estimate.noise) {
-      scale.depth_sigma = std::hypot(estimate.noise->depth, estimate.noise->common_depth);
+      scale.depth_sigma = std::hypot(estimate.noise->depth, estimate.noise->common_depth,
+                                     CarriedSigma(normalized, distance));
     }
     const std::optional<SceneNoise> known = KnownNoiseOf(normalized, options);
     if (known && known->reference_factor.errors > 0) {

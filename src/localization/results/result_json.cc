@@ -79,10 +79,24 @@ void Members(JsonMembers& members, DepthAlignment& alignment) {
   members("maps", alignment.maps);
 }
 
+void Members(JsonMembers& members, ConfidenceWorth::Knot& knot) {
+  members("confidence", knot.confidence);
+  members("sigma", knot.sigma);
+}
+
+void Members(JsonMembers& members, ConfidenceWorth& worth) {
+  members("knots", worth.knots);
+  members("common_sigma", worth.common_sigma);
+  members("matches", worth.num_matches);
+  members("gain", worth.gain);
+  members("gain_sigma", worth.gain_sigma);
+}
+
 void Members(JsonMembers& members, SceneCalibration& calibration) {
   members.Format("raylift-scene-calibration/1");
   members("by", calibration.by);
   members("depth", calibration.depth);
+  members.If(!calibration.confidences.empty(), "confidences", calibration.confidences);
   members("geometry_noise", calibration.geometry_noise);
   members("match_noise", calibration.match_noise);
 }

@@ -1,0 +1,71 @@
+// What the confidences beside depth maps are worth: the standard deviation of ln(depth) that each
+// stands for, learned from matches between references whose poses are known.
+//
+// A match of a map's keypoint in another image says how wrong its depth is: the keypoint projects e
+// pixels along the epipolar line from its match, and a unit of ln(depth) moves the projection by g.
+// With the noise s of keypoints, that is known across the lines, and the share w of wrong matches,
+//
+//   p(e | c) = (1 - w) N(e; 0, s^2 + g^2 sigma(c)^2) + w / extent
+//
+// where sigma(c) is a monotone function of the confidence c, falling or rising, of the greatest
+// likelihood. It counts where it predicts the matches of references that it was not learned from
+// better than one sigma of all depths does, by more than two standard errors.
+
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "raylift/lifting/depth_alignment.h"
+#include "raylift/lifting/depth_source.h"
+#include "raylift/lifting/geometry_source.h"
+
+namespace raylift {
+
+struct ConfidenceWorth {
+  struct Knot {
+    double confidence;  // as stored
+    double sigma;       // of ln(depth)
+  };
+  std::vector<Knot> knots = {};  // by confidence; empty: confidences tell nothing and are not used
+  double common_sigma = 0;       // of all depths alike; 0: too few matches tell
+  size_t num_matches = 0;
+  // The log likelihood of the references left out in turn beyond that of the common sigma, and its
+  // standard error.
+  double gain = 0;
+  double gain_sigma = 0;
+
+  bool tells() const { return !knots.empty(); }
+  // Returns the sigma of a confidence, whose logarithm is linear between knots: the largest one
+  // where it is not finite. Only where confidences tell anything.
+  double SigmaAt(double confidence) const;
+};
+
+// Returns what the confidences of maps are worth for the source that lifts by these maps as they
+// are read, and is to be corrected so: `alignment` is of these references, or of none. What a
+// correction leaves wrong in one half of a map's places is seen by one that the other half's
+// matches tell. The result does not depend on the number of threads.
+ConfidenceWorth LearnConfidence(const GeometrySource& source, const DepthFolder& maps,
+                                const DepthAlignment& alignment,
+                                std::span<const PosedImage> references,
+                                std::span<const ReferenceMatch> matches, int threads);
+
+// Gives the points of a source the standard deviations that the confidences of its maps stand for.
+class WeighedSource final : public GeometrySource {
+ public:
+  WeighedSource(std::shared_ptr<const GeometrySource> source,
+                std::shared_ptr<const DepthFolder> maps, ConfidenceWorth worth);
+
+  std::string Description() const override { return source_->Description(); }
+  std::vector<std::optional<SurfacePoint>> Lift(
+      const PosedImage& reference, std::span<const Eigen::Vector2d> pixels) const override;
+
+ private:
+  std::shared_ptr<const GeometrySource> source_;
+  std::shared_ptr<const DepthFolder> maps_;
+  ConfidenceWorth worth_;
+};
+
+}  // namespace raylift
