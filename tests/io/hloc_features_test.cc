@@ -191,6 +191,19 @@ f['deep/keypoints'] = h5.ExternalLink(f.filename + '.other', '/keypoints'))");
   }
 }
 
+TEST_F(HlocFeatures, AttributesInOtherFilesAreRefused) {
+  RunH5py(path_, "w", R"(
+f.create_dataset('own/keypoints', data=np.ones((4, 2), 'f4'))
+with h5.File(f.filename + '.other', 'w') as other:
+    image = other.create_group('image')
+    image.attrs['image_size'] = np.array([640, 480])
+    image['keypoints'] = h5.ExternalLink(f.filename, '/own/keypoints')
+f['link'] = h5.ExternalLink(f.filename + '.other', '/image'))");
+  EXPECT_NO_THROW(FeatureFile(path_).Read("own"));
+  EXPECT_TRUE(FailsWithInputError([&] { FeatureFile(path_).Read("link"); },
+                                  {"features.h5: link: lies in other files"}));
+}
+
 TEST_F(HlocFeatures, FilesThatAreNoHdf5AreNamed) {
   EXPECT_TRUE(FailsWithInputError([&] { FeatureFile{path_}; }, {"features.h5: no such file"}));
   EXPECT_TRUE(FailsWithInputError([&] { FeatureFile{path_.parent_path()}; }, {"found a folder"}));

@@ -242,9 +242,12 @@ std::string NameOfFileOf(hid_t object) {
   return name;
 }
 
+// Returns whether an external link leads to it.
+bool IsOfOtherFile(hid_t file, hid_t object) { return NameOfFileOf(file) != NameOfFileOf(object); }
+
 // Returns whether it or its values lie in other files, wherever these are.
 bool LiesInOtherFiles(hid_t file, hid_t dataset) {
-  if (NameOfFileOf(file) != NameOfFileOf(dataset)) return true;  // by an external link
+  if (IsOfOtherFile(file, dataset)) return true;
   const Handle properties(H5Dget_create_plist(dataset), H5Pclose);
   return H5Pget_external_count(properties.get()) != 0 ||
          H5Pget_layout(properties.get()) == H5D_VIRTUAL;
@@ -304,9 +307,7 @@ Hdf5Array<T> Hdf5Reader::Read(const std::string& name) const {
     if (!dataset.IsValid()) {
       Fail(name, fmt::format("expected a data set: {}", LastError()));
     }
-    if (LiesInOtherFiles(file_, dataset.get()) && !FilesMayBeAnywhere()) {
-      Fail(name, "lies in other files; RAYLIFT_FILES_ANYWHERE=1 in the environment allows that");
-    }
+    if (LiesInOtherFiles(file_, dataset.get())) RefuseOtherFiles(name);
     const Handle type(H5Dget_type(dataset.get()), H5Tclose);
     const Handle space(H5Dget_space(dataset.get()), H5Sclose);
     const auto kind = KindOf(type.get());
@@ -348,12 +349,11 @@ template Hdf5Array<int64_t> Hdf5Reader::Read<int64_t>(const std::string&) const;
 std::optional<std::vector<double>> Hdf5Reader::ReadAttribute(const std::string& object,
                                                              const std::string& name) const {
   const Lock lock;
-  if (!PathExists(file_, object) ||
-      H5Aexists_by_name(file_, object.c_str(), name.c_str(), H5P_DEFAULT) <= 0) {
-    return std::nullopt;
-  }
-  const Handle attribute(
-      H5Aopen_by_name(file_, object.c_str(), name.c_str(), H5P_DEFAULT, H5P_DEFAULT), H5Aclose);
+  if (!PathExists(file_, object)) return std::nullopt;
+  const Handle owner(H5Oopen(file_, object.c_str(), H5P_DEFAULT), H5Oclose);
+  if (H5Aexists(owner.get(), name.c_str()) <= 0) return std::nullopt;
+  if (IsOfOtherFile(file_, owner.get())) RefuseOtherFiles(object);
+  const Handle attribute(H5Aopen(owner.get(), name.c_str(), H5P_DEFAULT), H5Aclose);
   const Handle type(H5Aget_type(attribute.get()), H5Tclose);
   const Handle space(H5Aget_space(attribute.get()), H5Sclose);
   constexpr hssize_t kMaxNumbers = 1024;  // attributes are small
@@ -366,6 +366,11 @@ std::optional<std::vector<double>> Hdf5Reader::ReadAttribute(const std::string& 
     Fail(object, fmt::format("attribute \"{}\": cannot be read: {}", name, LastError()));
   }
   return values;
+}
+
+void Hdf5Reader::RefuseOtherFiles(const std::string& object) const {
+  if (FilesMayBeAnywhere()) return;
+  Fail(object, "lies in other files; RAYLIFT_FILES_ANYWHERE=1 in the environment allows that");
 }
 
 void Hdf5Reader::Fail(const std::string& object, std::string_view message) const {

@@ -58,6 +58,9 @@ class Hdf5Reader {
   [[noreturn]] void Fail(const std::string& object, std::string_view message) const;
 
  private:
+  // Throws InputError, unless the environment allows what lies in other files.
+  void RefuseOtherFiles(const std::string& object) const;
+
   std::filesystem::path path_;
   int64_t file_ = -1;  // an hid_t
 };
