@@ -123,6 +123,24 @@ TEST(FilterByTrust, DropsNoisyAndUnseenPointsAndCountsThem) {
             points.size());
 }
 
+TEST(FilterByTrust, KeepsPointsThatAreExpectedWithinOneAndAHalfDeviationsOfKeypoints) {
+  Rng rng = TestRng();
+  const Problem problem = MakeProblem(400, 0.5, rng);
+  const auto points = LiftAll(problem, 0.1, rng);
+  const auto trust = EstimateTrust(problem.room.references, problem.matches, points);
+  ASSERT_TRUE(trust);
+  const FilterResult result =
+      FilterByTrust(problem.room.references, problem.matches, points, FewPoints::kDropAll, 30);
+  size_t slightly_beyond = 0;
+  for (size_t i = 0; i < points.size(); ++i) {
+    if (trust->points[i].in_doubt) continue;
+    const double deviations = trust->points[i].expected_error_px / trust->noise.keypoints_px;
+    EXPECT_EQ(result.keep[i], deviations <= 1.5) << deviations;
+    slightly_beyond += deviations > 1.5 && deviations < 3 ? 1 : 0;
+  }
+  EXPECT_GT(slightly_beyond, 5u);
+}
+
 TEST(FilterByTrust, WhereFewRemainDropsAllOrKeepsTheBest) {
   Rng rng = TestRng();
   const Problem problem = MakeProblem(60, 0.3, rng);
