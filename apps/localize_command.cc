@@ -53,7 +53,9 @@ std::string LocalizeHeader(const LocalizeFlags& flags, const std::string& option
                     "features", "matches", "pairs", "cache", "prior-poses", "global-features",
                     "query-global-features", "write-model",
                     // Walks are smoothed after all.
-                    "odometry", "cam-from-body", "odometry-scale", "online", "times"},
+                    "odometry", "cam-from-body", "odometry-scale", "online", "times",
+                    // It is for the page alone.
+                    "ground-truth"},
                    InputsJson({.model = flags.references.model,
                                .images = flags.images,
                                .query_images = flags.QueryImages(),

@@ -67,6 +67,9 @@ void CheckRunning(const LocalizeFlags& flags) {
     throw OptionError("--shard", flags.running.shard,
                       "--continuous cannot be shared: each query may be a reference of the next");
   }
+  if (!flags.ground_truth.empty() && flags.report.empty()) {
+    throw OptionError("--ground-truth", flags.ground_truth.string(), "is for --report");
+  }
   if (!flags.report.empty() && flags.running.resume && flags.continuous.enabled) {
     throw OptionError("--report does not go with --resume of a --continuous run");
   }
@@ -239,6 +242,9 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags, const char* out
   output.Add("--write-model", flags.write_model,
              "Also write the references and the localized queries here as one COLMAP model");
   output.Add("--report", flags.report, "Folder for one HTML page to look at (index.html)");
+  output.Add("--ground-truth", flags.ground_truth,
+             "COLMAP model folder, or a pose file: the page shows errors beside what is\n"
+             "expected; nothing else knows it");
   output.Add("--pictures", flags.pictures,
              "Draw the first N queries beside the mesh seen from their poses");
   output.Add("--min-confidence", flags.min_confidence,
@@ -321,8 +327,9 @@ void AddContinuousOptions(CLI::App& command, ContinuousFlags& flags) {
 std::string ContinuousRunKey(const std::string& options_json, const ReferenceSet& references,
                              std::span<const Query> queries, std::span<const size_t> order) {
   auto options = nlohmann::ordered_json::parse(options_json);
-  for (const char* name : {"threads", "quiet", "resume", "overwrite", "shard", "config", "cache",
-                           "report", "pictures", "write-problems", "no-doctor", "out", "times"}) {
+  for (const char* name :
+       {"threads", "quiet", "resume", "overwrite", "shard", "config", "cache", "report", "pictures",
+        "write-problems", "no-doctor", "out", "times", "ground-truth"}) {
     options.erase(name);
   }
   std::string text = options.dump();

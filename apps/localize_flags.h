@@ -70,7 +70,7 @@ struct LocalizeFlags {
   PoseConvention model_poses = PoseConvention::kCamFromWorld;
   GeometryFlags geometry;
   MatchingFlags matching;
-  std::filesystem::path out, write_problems, write_model, report;
+  std::filesystem::path out, write_problems, write_model, report, ground_truth;
   int pictures = 0;
   double min_confidence = 0;
   bool no_doctor = false;

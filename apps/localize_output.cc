@@ -4,6 +4,7 @@
 #include <optional>
 #include <system_error>
 
+#include "io/scene/named_poses.h"
 #include "jobs/manifest_file.h"
 #include "lifting/alignment_text.h"
 #include "localization/results/exports.h"
@@ -62,6 +63,8 @@ LocalizeOutput::LocalizeOutput(const LocalizeFlags& flags, size_t num_queries,
         .query_images = query_images_,
         .reference_images = flags.images.empty() ? query_images_ : flags.images,
         .mesh = mesh_,
+        .ground_truth =
+            flags.ground_truth.empty() ? PosesByName() : ReadModelOrPoses(flags.ground_truth),
         .folder = flags.report});
   }
   if (!flags.write_problems.empty()) RequireWritable(flags.write_problems / "problem.json");

@@ -179,12 +179,54 @@ Json ScenePointsOf(const QueryResult& result, const std::optional<Image>& photo)
 
 // What a query gives to the view in 3D.
 Json InScene(const QueryResult& result, const std::optional<Image>& photo) {
-  Json json = {{"points", ScenePointsOf(result, photo)}};
+  Json json = {{"points", ScenePointsOf(result, photo)},
+               {"camera", result.problem.query_camera.ToString()}};
   if (result.localized.localized()) {
-    json["camera"] = result.problem.query_camera.ToString();
     json["cam_from_world"] = ToJson(*result.localized.estimate.cam_from_world);
   }
   return json;
+}
+
+// Adds the true pose to the scene, and to `query` how far its pose is from it. `in_scene`: as
+// InScene() gives it. Adds to `errors` where there is a pose.
+void TakeTruth(const Rigid3& truth, const Json& in_scene, Json& query, SceneJson& scene,
+               std::vector<QueryError>& errors) {
+  const auto name = query.at("query").get<std::string>();
+  scene.AddCamera("true", PosedImage{name, ParseCamera("camera", in_scene.at("camera")), truth});
+  if (!in_scene.contains("cam_from_world")) return;
+  const PoseError error = ComparePoses(FromJson<Rigid3>(in_scene.at("cam_from_world")), truth);
+  query["position"] = error.position;
+  query["rotation_deg"] = error.rotation_deg;
+  errors.push_back({name, error});
+}
+
+// One clause; empty where nothing is compared.
+std::string MedianErrors(std::vector<QueryError> errors) {
+  if (errors.empty()) return "";
+  const size_t count = errors.size();
+  const ResultSummary summary =
+      Summarize("", {.queries = std::move(errors), .unknown_names = {}}, {});
+  return fmt::format("; the median error of {} is {:.4g} units and {:.4g}°", count,
+                     summary.median_position, summary.median_rotation_deg);
+}
+
+constexpr size_t kShownReferences = 5;
+
+// Returns the references that most matches are of.
+Json ReferencesOf(const QueryResult& result) {
+  const PoseProblem& problem = result.problem;
+  std::vector<std::pair<int, size_t>> counts;
+  for (size_t i = 0; i < problem.references.size(); ++i) counts.emplace_back(0, i);
+  for (const Match2D2D& match : problem.matches_2d2d) {
+    --counts[static_cast<size_t>(match.reference)].first;  // most first, then in their order
+  }
+  std::sort(counts.begin(), counts.end());
+  Json references = Json::array();
+  for (const auto& [negative, i] : counts) {
+    if (negative == 0 || references.size() == kShownReferences) break;
+    references.push_back({{"name", problem.references[i].name}, {"matches", -negative}});
+  }
+  return references;
 }
 
 // `json`: as InScene() gives it.
@@ -198,7 +240,7 @@ void AddToScene(const Json& json, const std::string& name, const std::string& ve
         {Eigen::Vector3d(numbers[0], numbers[1], numbers[2]), {byte(3), byte(4), byte(5)}});
   }
   scene.AddPoints(points);
-  if (json.contains("camera")) {
+  if (json.contains("cam_from_world")) {
     scene.AddCamera(verdict, PosedImage{name, ParseCamera("camera", json.at("camera")),
                                         FromJson<Rigid3>(json.at("cam_from_world"))});
   }
@@ -232,9 +274,10 @@ struct LocalizationReport::Impl {
       Json of_reference = IsPaged() ? ReferencePhoto(name) : Json();
       if (!of_reference.is_null()) json["reference"]["photo"] = std::move(of_reference);
     }
-    if (result.localized.localized() && options.mesh != nullptr) {
-      json.update(SeenFromPose(result.problem.query_camera,
-                               *result.localized.estimate.cam_from_world, *options.mesh));
+    if (!result.localized.localized()) json["references"] = ReferencesOf(result);
+    // Of a query that is not localized: the nearest candidate.
+    if (const auto& pose = result.localized.estimate.cam_from_world; pose && options.mesh) {
+      json.update(SeenFromPose(result.problem.query_camera, *pose, *options.mesh));
     }
     return json;
   }
@@ -271,6 +314,7 @@ std::string LocalizationReport::Format(std::string_view title,
   for (const PosedImage& reference : references) scene.AddCamera("reference", reference);
   if (impl_->options.mesh) scene.AddMesh(impl_->options.mesh->mesh());
   std::map<std::string, size_t> count_of;
+  std::vector<QueryError> errors;
   std::set<std::string> shown_references;
   for (size_t i = 0; i < impl_->options.num_queries; ++i) {
     const path file = impl_->options.folder / PartOfPage(i, "json");
@@ -285,6 +329,11 @@ std::string LocalizationReport::Format(std::string_view title,
       ++count_of[verdict];
       if (walk) AddSinglePose(walk->walked.queries[i], scene);  // what comes later lies above
       AddToScene(part.at("scene"), query.at("query"), verdict, scene);
+      const PosesByName& truth = impl_->options.ground_truth;
+      if (const auto found = truth.find(query.at("query").get<std::string>());
+          found != truth.end()) {
+        TakeTruth(found->second, part.at("scene"), query, scene, errors);
+      }
       if (query.contains("reference")) {  // not where it is beside the page
         shown_references.insert(query["reference"].at("name").get<std::string>());
       }
@@ -297,9 +346,10 @@ std::string LocalizationReport::Format(std::string_view title,
     Json photo = impl_->ReferencePhoto(name);
     if (!photo.is_null()) SetIn(data, "reference_photos", name, std::move(photo));
   }
-  data["subtitle"] = fmt::format(
-      "{} of {} queries localized, {} of them doubtful, against {} references",
-      queries.size() - count_of["failed"], queries.size(), count_of["doubtful"], references.size());
+  data["subtitle"] =
+      fmt::format("{} of {} queries localized, {} of them doubtful, against {} references{}",
+                  queries.size() - count_of["failed"], queries.size(), count_of["doubtful"],
+                  references.size(), MedianErrors(std::move(errors)));
   data["warnings"] = warnings;
   data["rows"] = {{{"name", "this run"}, {"recalls", Json::array()}, {"queries", queries}}};
   data["scene"] = scene.Build();

@@ -46,10 +46,9 @@ void TakeWalk(const WalkedQuery& walked, const Query& query, const RayCaster* me
   if (walked.single_cam_from_world) json["walk"]["single_confidence"] = walked.single_confidence;
   TakePictures(walked, query, mesh, json);
   Json& scene = part.at("scene");
-  scene.erase("camera");
   scene.erase("cam_from_world");
-  if (!walked.localized.localized()) return;
   scene["camera"] = query.camera.ToString();
+  if (!walked.localized.localized()) return;
   scene["cam_from_world"] = ToJson(*walked.localized.estimate.cam_from_world);
 }
 

@@ -199,9 +199,12 @@ TEST_F(Report, WorksInABrowserOfAnyWidth) {
 
 TEST_F(Report, OfALocalizationWorksInABrowser) {
   if (!HasProgram("/usr/bin/chromium")) GTEST_SKIP() << "chromium is not installed";
-  ASSERT_TRUE(
-      Succeeds(RunRaylift(LocalizeWithHloc(scene_, scene_.folder / "out") +
-                          Arguments{"--query-images", scene_.images(), "--report", folder_})));
+  ASSERT_TRUE(Succeeds(RunRaylift(LocalizeWithHloc(scene_, scene_.folder / "out") +
+                                  Arguments{"--query-images", scene_.images(), "--report", folder_,
+                                            "--ground-truth", scene_.truth()})));
+  const std::string page = ReadFile(folder_ / "index.html");
+  EXPECT_THAT(page, HasSubstr("the median error of "));
+  EXPECT_THAT(page, HasSubstr("\"kind\":\"true\""));
   for (const int width_px : {390, 1280, 2000}) {
     const auto found = Probe(folder_ / "index.html", width_px);
     ExpectWorks(found);
@@ -210,6 +213,24 @@ TEST_F(Report, OfALocalizationWorksInABrowser) {
     EXPECT_GT(found["marks"], 100);
     EXPECT_GT(found["lines"], 20);
     EXPECT_TRUE(found["searched"]);
+  }
+}
+
+TEST_F(Report, OfAFailedQuerySaysWhichReferencesItMatches) {
+  ASSERT_TRUE(Succeeds(RunRaylift(
+      LocalizeWithHloc(scene_, scene_.folder / "out") +
+      Arguments{"--query-images", scene_.images(), "--report", folder_, "--min-confidence", "1"})));
+  const std::string page = ReadFile(folder_ / "index.html");
+  const auto begin = page.find("<script type=\"application/json\" id=\"data\">");
+  ASSERT_NE(begin, std::string::npos);
+  const auto data = nlohmann::json::parse(page.substr(
+      page.find('>', begin) + 1, page.find("</script>", begin) - page.find('>', begin) - 1));
+  for (const auto& query : data["rows"][0]["queries"]) {
+    EXPECT_EQ(query["verdict"], "failed");
+    ASSERT_FALSE(query["references"].empty());
+    EXPECT_GT(query["references"][0]["matches"], 0);
+    EXPECT_EQ(query["references"][0]["name"], query["reference"]["name"]);
+    EXPECT_TRUE(query.contains("rendering")) << "the nearest candidate is not shown";
   }
 }
 

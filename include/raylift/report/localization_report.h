@@ -1,6 +1,6 @@
 // The page of `raylift localize`: every query with its verdict, what its stages left, and its
 // photograph over the mesh as seen from the pose, with edges, matches and residuals; and the poses
-// among the references and the mesh in 3D. It knows no ground truth.
+// among the references and the mesh in 3D.
 
 #pragma once
 
@@ -12,6 +12,7 @@
 #include <string>
 #include <string_view>
 
+#include "raylift/evaluation/pose_errors.h"
 #include "raylift/localization/localizer.h"
 #include "raylift/renderers/ray_caster.h"
 #include "raylift/scene/photographs.h"
@@ -27,6 +28,7 @@ struct LocalizationReportOptions {
   // Pictures and matches of more queries are in files of their own, which the page loads as they
   // are looked at.
   size_t max_in_page = 50;
+  PosesByName ground_truth = {};      // where it is known: errors stand beside what is expected
   std::filesystem::path folder = {};  // of the page
 };
 

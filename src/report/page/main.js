@@ -160,7 +160,9 @@ function querySection(rows) {
   function draw() {
     const row = rows[chosen.row];
     const query = row.queries[chosen.query];
-    const facts = [query.reason ? `not localized: ${query.reason}` : query.verdict ? null : query.position === null ? "no pose" : `position error ${number(query.position)} units, rotation error ${number(query.rotation_deg)}°`];
+    const facts = [query.reason ? `not localized: ${query.reason}` : null];
+    if (query.position !== null) facts.push(`position error ${number(query.position)} units, rotation error ${number(query.rotation_deg)}°`);
+    else if (!query.verdict && !query.reason) facts.push("no pose");
     facts.push(...verdictFacts(query));
     if (query.walk) facts.push(`the walk: ${query.walk.means}`);
     if (query.walk && query.walk.single_confidence !== undefined) {
@@ -195,8 +197,8 @@ function querySection(rows) {
   }
   const list = element("div");
   const columns = [["retrieved", "retrieved"], ["matched", "matched"], ["hit", "hit"], ["consistent", "consistent"],
-    ["inliers_2d3d", "inliers 2D-3D"], ["inliers_2d2d", "inliers 2D-2D"], ["position", "position error, units"], ["rotation_deg", "rotation error, °"],
-    ["wrong", "probability of being wrong"], ["position_sigma", "position ±, units"], ["rotation_sigma_deg", "rotation ±, °"]];
+    ["inliers_2d3d", "inliers 2D-3D"], ["inliers_2d2d", "inliers 2D-2D"], ["wrong", "probability of being wrong"],
+    ["position", "position error, units"], ["position_sigma", "position ±, units"], ["rotation_deg", "rotation error, °"], ["rotation_sigma_deg", "rotation ±, °"]];
   function drawList() {
     const queries = rows[chosen.row].queries.filter((query) => query.query.toLowerCase().includes(chosen.search));
     if (queries.some((query) => query.verdict)) queries.sort(worseFirst);

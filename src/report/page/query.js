@@ -73,7 +73,8 @@ function comparedPhoto(query, photo) {
   box(`2D-3D matches (${query.inliers_2d3d} inliers)`, true, points);
   box(`2D-2D matches (${query.inliers_2d2d} inliers)`, false, pairs);
   controls.append(choice("residuals", ["as long as they are", "5 times", "20 times", "none"], draw, 0));
-  return element("article", { class: "panel wide" }, element("h3", {}, "Photograph and pose"), controls, stack,
+  return element("article", { class: "panel wide" }, element("h3", {}, query.reason && query.rendering
+    ? "Photograph and the nearest candidate, which is not sure enough" : "Photograph and pose"), controls, stack,
     element("p", { class: "soft" }, query.rendering
       ? "Left of the line the photograph, right of it the mesh from the pose. Circles are inliers, crosses are not; lines are residuals."
       : "Circles are inliers, crosses are not; lines are residuals."));
@@ -96,12 +97,16 @@ function matchedReference(query, photo) {
       element("img", { src: photo.uri, style: `width:${left}%`, alt: `photograph ${query.query}` }),
       element("img", { src: reference.uri, style: `width:${100 - left}%`, alt: `photograph ${query.reference.name}` }),
       svgOver(width, photo.height, lines.join(""))),
-    element("p", { class: "soft" }, "The reference that most inliers are of. Orange: 2D-2D inliers."));
+    element("p", { class: "soft" }, query.reason
+      ? "The reference that most matches are of." : "The reference that most inliers are of. Orange: 2D-2D inliers."));
 }
 
 function verdictFacts(query) {
   if (!query.verdict) return [];
   const facts = [];
+  const candidates = (query.references || []).map(({ name, matches }) => `${name} (${matches})`);
+  if (candidates.length) facts.push(`matches are with ${candidates.join(", ")}`);
+  else if (query.references) facts.push("it matches no reference");
   if (query.verdict !== "failed") {
     facts.push(`${query.verdict}: wrong with probability ${number(1 - query.confidence)}`);
     facts.push(`${query.inlier_keypoints} of ${query.keypoints} keypoints are inliers`);
