@@ -40,7 +40,7 @@ namespace {
 
 struct RenderFlags {
   std::vector<std::string> geometry;
-  std::filesystem::path model, cameras;
+  std::filesystem::path model, cameras, semantics;
   TaskSelection selection;
   RenderJobOptions job;  // all but what follows
   std::vector<Product> products = {Product::kDepth};
@@ -168,12 +168,18 @@ void AddProductOptions(CLI::App& command, RenderFlags& flags) {
       "--products", flags.products, &ParseProducts,
       "Of depth (z), distance (along the ray), inverse_depth (1 / z), points (x, y, z),\n"
       "normals, color, triangle (the face of the mesh's file), object (which mesh of\n"
-      "several), incidence (degrees), mask; separated by commas",
+      "several), instance (which node, group or city object), semantic (which material,\n"
+      "kind of surface or class of --semantics), incidence (degrees), mask; separated by\n"
+      "commas",
       "depth");
   group
       .Add("--format", flags.formats,
            "FORMAT or PRODUCT=FORMAT, repeatable; the first is the default:" + formats)
       .OnePerUse();
+  group.Add("--semantics", flags.semantics,
+            "Table of ID PATTERN for the product semantic: what materials, nodes, groups or\n"
+            "city objects with such names are (* and ? as in a shell; the first line that\n"
+            "fits); instance.txt and semantic.txt in OUT say which names there are");
   DepthWriteOptions& floats = flags.job.storage.floats;
   group.Add("--exr-compression", floats.exr_compression, "{}; pxr24 keeps 24 of 32 bits");
   group.Add("--sample", floats.sample, "{}, of NPY, EXR and NPZ");
@@ -237,6 +243,11 @@ void CheckRenderFlags(const RenderFlags& flags) {
   CheckSelection(flags.selection);
   if (!flags.job.photographs.empty() && (flags.selection.scale || flags.selection.size)) {
     throw OptionError("--photographs are not of the size of --scale or --size");
+  }
+  const auto& products = flags.products;
+  if (!flags.semantics.empty() &&
+      std::find(products.begin(), products.end(), Product::kSemantic) == products.end()) {
+    throw OptionError("--semantics", flags.semantics.string(), "needs the product semantic");
   }
   CheckStorage(flags.job.storage);
   const int supersampling = flags.job.frame.color_options.samples_per_pixel_side;
@@ -313,6 +324,7 @@ class RenderRun {
     const Steps steps(flags.run.quiet);
     scene_ = LoadMeshScene(flags.geometry,
                            {.threads = flags.run.threads,
+                            .semantics = flags.semantics,
                             .on_step = [&steps](const std::string& s) { steps.Show(s); }});
     options_.frame.color_options.shading = ResolveShading(flags, *scene_.caster);
   }

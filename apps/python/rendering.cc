@@ -74,6 +74,8 @@ py::object TakeMap(Product product, Frame& frame) {
     case Product::kTriangle:
       return HandOver(std::move(frame.triangle), {height, width});
     case Product::kObject:
+    case Product::kInstance:
+    case Product::kSemantic:
       break;  // see TakeMaps
     case Product::kIncidence:
       return HandOver(std::move(frame.incidence_deg), {height, width});
@@ -90,8 +92,10 @@ py::dict TakeMaps(const Pictures& pictures, const TriangleMesh& mesh, Frame& fra
   if (std::find(products.begin(), products.end(), Product::kInverseDepth) != products.end()) {
     maps["inverse_depth"] = HandOver(InverseDepths(frame), {frame.height_px, frame.width_px});
   }
-  if (std::find(products.begin(), products.end(), Product::kObject) != products.end()) {
-    maps["object"] = HandOver(ObjectIds(frame, mesh), {frame.height_px, frame.width_px});
+  for (const Product product : products) {
+    if (!IsId(product) || product == Product::kTriangle) continue;
+    maps[py::str(std::string(ToString(product)))] =
+        HandOver(IdsOf(product, frame, mesh), {frame.height_px, frame.width_px});
   }
   for (const Product product : products) {
     const py::str name{std::string(ToString(product))};
@@ -345,6 +349,8 @@ default the one that its surfaces tell. Fewer than `count` where there is no mor
            "color      (H, W, 3) uint8, RGB\n"
            "triangle   (H, W) uint32, index; 4294967295: none\n"
            "object     (H, W) uint32, which of several meshes; 4294967295: none\n"
+           "instance   (H, W) uint32, which node, group or city object; likewise\n"
+           "semantic   (H, W) uint32, which material or kind of surface; likewise\n"
            "incidence  (H, W) float32, degrees; -1: no surface\n"
            "mask       (H, W) uint8, 255 where there is a surface\n\n"
            "A camera of the model EQUIRECTANGULAR sees all around; its depth is the distance.\n\n"

@@ -44,7 +44,7 @@ class SceneConverter {
       any_colors_ |= scene_.mMeshes[i]->HasVertexColors(0);
       any_uvs_ |= scene_.mMeshes[i]->HasTextureCoords(0);
     }
-    if (scene_.mRootNode != nullptr) AddNode(*scene_.mRootNode, Eigen::Affine3d::Identity(), 0);
+    if (scene_.mRootNode != nullptr) AddNode(*scene_.mRootNode, Eigen::Affine3d::Identity(), "", 0);
     return std::move(mesh_);
   }
 
@@ -66,6 +66,7 @@ class SceneConverter {
         material.Get(AI_MATKEY_COLOR_DIFFUSE, color) == aiReturn_SUCCESS) {
       added.color_rgb = Color(color);
     }
+    added.name = material.GetName().C_Str();
     mesh_.materials.push_back(added);
   }
 
@@ -101,16 +102,20 @@ class SceneConverter {
     return static_cast<int32_t>(mesh_.textures.size()) - 1;
   }
 
-  void AddNode(const aiNode& node, const Eigen::Affine3d& root_from_parent, int depth) {
+  // `above` is the name of its parent (PartName()).
+  void AddNode(const aiNode& node, const Eigen::Affine3d& root_from_parent,
+               const std::string& above, int depth) {
     if (depth > kMaxNodeNesting) {
       throw InputError(path_, fmt::format("nodes are nested more than {} deep", kMaxNodeNesting));
     }
     const Eigen::Affine3d root_from_node = root_from_parent * ToEigen(node.mTransformation);
+    const std::string name = PartName(above, node.mName.C_Str());
+    if (node.mNumMeshes > 0) mesh_.parts.push_back(name);
     for (unsigned int i = 0; i < node.mNumMeshes; ++i) {
       AddMesh(*scene_.mMeshes[node.mMeshes[i]], root_from_node);
     }
     for (unsigned int i = 0; i < node.mNumChildren; ++i) {
-      AddNode(*node.mChildren[i], root_from_node, depth + 1);
+      AddNode(*node.mChildren[i], root_from_node, name, depth + 1);
     }
   }
 
@@ -150,6 +155,7 @@ class SceneConverter {
     }
     if (mirrored) std::swap(corners[1], corners[2]);
     mesh_.triangles.push_back(corners);
+    mesh_.triangle_parts.push_back(static_cast<uint32_t>(mesh_.parts.size()) - 1);
     mesh_.triangle_materials.push_back(
         part.mMaterialIndex < scene_.mNumMaterials ? part.mMaterialIndex : RawMesh::kNone);
   }

@@ -153,6 +153,8 @@ class CityGmlReader {
     const auto chosen = ChooseLevel(levels, level_);
     if (!chosen || levels[*chosen] < of_parts) return of_parts;
     std::set<xml_node> seen;
+    const std::string_view id = AttributeOf(node, "id");
+    mesh_.BeginObject(std::string(id.empty() ? NameOf(node) : id));
     for (Levels* const of : {&object.properties, &object.of_openings}) {
       for (const xml_node& property : (*of)[levels[*chosen]]) AddSurfaces(property, seen, false, 0);
     }
@@ -207,7 +209,7 @@ class CityGmlReader {
       if (is_reversed) std::reverse(ring.begin(), ring.end());
       rings.insert(is_outer ? rings.begin() : rings.end(), std::move(ring));
     }
-    mesh_.AddPolygon(place, std::move(rings));
+    mesh_.AddPolygon(place, std::move(rings), KindOf(polygon));
   }
 
   // Returns points that are one list (posList), one by one (pos), or as GML 2 has them
@@ -241,6 +243,15 @@ class CityGmlReader {
     std::vector<Vector3d> points;
     for (size_t i = 0; i < numbers.size(); i += 3) points.emplace_back(&numbers[i]);
     return points;
+  }
+
+  // Returns the kind of surface that a polygon is of, as RoofSurface or Window; empty of others.
+  static std::string_view KindOf(xml_node node) {
+    for (; node; node = node.parent()) {
+      const std::string_view above = NameOf(node.parent());
+      if (above == "boundedBy" || above == "opening") return NameOf(node);
+    }
+    return {};
   }
 
   // Returns the kind of the element and the nearest name that the file gives.

@@ -61,6 +61,7 @@ class CityJsonReader {
     for (const auto& [id, object] : objects.items()) chosen.emplace(id, Choose(id, object));
     for (const auto& [id, choice] : chosen) {
       if (choice.geometry != nullptr && !HasFinerPart(objects, objects[id], choice, chosen)) {
+        mesh_.BeginObject(id);
         AddGeometry(choice.place, *choice.geometry);
       }
     }
@@ -69,10 +70,12 @@ class CityJsonReader {
   }
 
  private:
-  // Where the corners of surfaces are: vertices of the file, or of a template that is moved.
+  // Where the corners of surfaces are: vertices of the file, or of a template that is moved; and
+  // which kinds of surfaces there are.
   struct Vertices {
     const std::vector<Vector3d>& points;
     std::optional<Eigen::Matrix<double, 3, 4>> world_from_template;
+    const json& kinds;
   };
 
   // The geometry that is taken of an object, if it has any.
@@ -202,12 +205,25 @@ class CityJsonReader {
     const json& shape = model == nullptr ? geometry : *model;
     const json& boundaries = Member(place + ".boundaries", shape, "boundaries");
     const int lists = kListsOfType.at(TypeOf(shape));
+    const json& semantics = MemberOf(shape, "semantics");
+    const json& kinds = MemberOf(semantics, "surfaces");
+    const json& values = MemberOf(semantics, "values");
     if (model == nullptr) {
-      AddSurfaces(place + ".boundaries", boundaries, lists, {vertices_, std::nullopt});
+      AddSurfaces(place + ".boundaries", boundaries, lists, {vertices_, std::nullopt, kinds},
+                  values);
     } else {
       AddSurfaces(place + ".boundaries", boundaries, lists,
-                  {TemplateVertices(), WorldFromTemplate(place, geometry)});
+                  {TemplateVertices(), WorldFromTemplate(place, geometry), kinds}, values);
     }
+  }
+
+  // Return an object's member and a list's item; null where it has none, or is no such thing.
+  static const json& MemberOf(const json& value, const char* name) {
+    const auto found = value.find(name);
+    return found == value.end() ? kNull : *found;
+  }
+  static const json& ItemOf(const json& value, size_t index) {
+    return value.is_array() && index < value.size() ? value[index] : kNull;
   }
 
   // Returns the vertices of all templates, which the first instance of one reads.
@@ -245,15 +261,16 @@ class CityJsonReader {
     return vertices[index.get<size_t>()];
   }
 
+  // `kinds`: of each surface, an index of one of the vertices' kinds, in lists as the boundaries.
   void AddSurfaces(const std::string& place, const json& boundaries, int lists,
-                   const Vertices& vertices) {
+                   const Vertices& vertices, const json& kinds) {
     List(place, boundaries);
     constexpr size_t kReads = 10;  // a list takes as long as some corners, and may be empty
     mesh_.CountRead([&] { return place; }, kReads);
     for (size_t i = 0; i < boundaries.size(); ++i) {
       std::string at = fmt::format("{}[{}]", place, i);
       if (lists > 1) {
-        AddSurfaces(at, boundaries[i], lists - 1, vertices);
+        AddSurfaces(at, boundaries[i], lists - 1, vertices, ItemOf(kinds, i));
         continue;
       }
       std::vector<std::vector<Vector3d>> rings;
@@ -267,7 +284,10 @@ class CityJsonReader {
           p = (*vertices.world_from_template * p.homogeneous()).eval();
         }
       }
-      mesh_.AddPolygon([&] { return at; }, std::move(rings));
+      const json& kind = ItemOf(kinds, i);
+      mesh_.AddPolygon(
+          [&] { return at; }, std::move(rings),
+          kind.is_number_unsigned() ? TypeOf(ItemOf(vertices.kinds, kind.get<size_t>())) : "");
     }
   }
 
@@ -278,6 +298,8 @@ class CityJsonReader {
     if (system == metadata->end() || !system->is_string()) return;
     mesh_.CheckPlace("metadata.referenceSystem", system->get<std::string>());
   }
+
+  static inline const json kNull;
 
   const std::filesystem::path& path_;
   std::optional<double> level_;

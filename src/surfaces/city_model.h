@@ -8,9 +8,11 @@
 #include <cstddef>
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "surfaces/raw_mesh.h"
@@ -33,9 +35,13 @@ class CityMesh {
   // the file refers to itself too often.
   void CountRead(const Place& place, size_t count);
 
-  // Adds rings of three corners or more, the outer one first, and counts them. Throws InputError
-  // where a ring is shorter.
-  void AddPolygon(const Place& place, std::vector<std::vector<Eigen::Vector3d>> rings);
+  // Begins the object that polygons are added to.
+  void BeginObject(const std::string& name) { mesh_.parts.push_back(name); }
+
+  // Adds rings of three corners or more, the outer one first, and counts them; `kind` is that of
+  // the surface, as RoofSurface, or empty. Throws InputError where a ring is shorter.
+  void AddPolygon(const Place& place, std::vector<std::vector<Eigen::Vector3d>> rings,
+                  std::string_view kind);
 
   void Warn(const std::string& message);
 
@@ -48,10 +54,13 @@ class CityMesh {
   RawMesh Finish() &&;
 
  private:
+  uint32_t MaterialOf(std::string_view kind);
+
   std::filesystem::path path_;
   size_t left_to_read_;
   size_t num_polygons_ = 0;
   size_t too_large_ = 0;
+  std::map<std::string, uint32_t, std::less<>> material_of_kind_;
   RawMesh mesh_;
 };
 

@@ -37,7 +37,7 @@ std::optional<TriangleMesh> ReadPlyTriangles(const std::filesystem::path& path,
                                              int threads);
 
 // Reads Wavefront OBJ with its MTL materials; unlike assimp it keeps double coordinates. Takes v
-// (with colors where six numbers are given), vt, f, usemtl and mtllib; from materials Kd and
+// (with colors where six numbers are given), vt, f, o, g, usemtl and mtllib; from materials Kd and
 // map_Kd.
 RawMesh ReadObj(const std::filesystem::path& path);
 

@@ -143,7 +143,8 @@ class GltfReader {
     if (!copies.empty()) placed = Copied(placed, copies);
     for (const PlacedMesh& mesh : placed) ++uses[mesh.index];
     std::map<size_t, std::vector<Primitive>> shared;
-    for (const PlacedMesh& mesh : placed) {
+    for (PlacedMesh& mesh : placed) {
+      mesh_.parts.push_back(std::move(mesh.name));
       if (uses[mesh.index] == 1) {
         for (const Primitive& part : ReadMesh(mesh.index)) Add(part, mesh.root_from_mesh);
       } else {
@@ -163,6 +164,7 @@ class GltfReader {
   struct PlacedMesh {
     size_t index;
     Affine3d root_from_mesh;
+    std::string name;  // PartName()
   };
 
   void RequireKnownExtensions() const {
@@ -198,6 +200,7 @@ class GltfReader {
             [&](const JsonPlace& part) { take(part, "diffuseTexture", "diffuseFactor"); });
     IfThere(material, {"pbrMetallicRoughness"},
             [&](const JsonPlace& part) { take(part, "baseColorTexture", "baseColorFactor"); });
+    if (material.Has("name")) added.name = material.Member("name").String();
     mesh_.materials.push_back(added);
     uv_uses_.push_back(use);
   }
@@ -257,16 +260,17 @@ class GltfReader {
     IfThere(file_.root(), {"scene"},
             [&](const JsonPlace& scene) { shown = file_.Index("scenes", scene); });
     const JsonPlace scene = file_.Item("scenes", shown);
-    PlaceNodes(scene, "nodes", root_from_scene, 0, placed);
+    PlaceNodes(scene, "nodes", {root_from_scene, ""}, 0, placed);
   }
 
   std::vector<PlacedMesh> Copied(std::span<const PlacedMesh> scene,
                                  std::span<const Affine3d> copies) const {
     if (scene.size() * copies.size() > kMaxPlacedMeshes) FailOfMany();
     std::vector<PlacedMesh> placed;
-    for (const Affine3d& copy : copies) {
+    for (size_t i = 0; i < copies.size(); ++i) {
       for (const PlacedMesh& mesh : scene) {
-        placed.push_back({mesh.index, copy * mesh.root_from_mesh});
+        placed.push_back({mesh.index, copies[i] * mesh.root_from_mesh,
+                          PartName(fmt::format("[{}]", i), mesh.name)});
       }
     }
     return placed;
@@ -290,12 +294,18 @@ class GltfReader {
       });
     }
     for (size_t i = 0; i < is_child.size(); ++i) {
-      if (!is_child[i]) PlaceNode(i, root_from_scene, 0, placed);
+      if (!is_child[i]) PlaceNode(i, {root_from_scene, ""}, 0, placed);
     }
   }
 
-  void PlaceNodes(const JsonPlace& parent, std::string_view member,
-                  const Affine3d& root_from_parent, size_t depth, std::vector<PlacedMesh>& placed) {
+  // The nodes above one.
+  struct Above {
+    Affine3d root_from_parent;
+    std::string name;  // PartName()
+  };
+
+  void PlaceNodes(const JsonPlace& parent, std::string_view member, const Above& above,
+                  size_t depth, std::vector<PlacedMesh>& placed) {
     IfThere(parent, {member}, [&](const JsonPlace& nodes) {
       if (depth > kMaxGltfNodeNesting) {
         nodes.Fail(fmt::format("they are nested more than {} deep", kMaxGltfNodeNesting));
@@ -304,24 +314,28 @@ class GltfReader {
         const JsonPlace index = nodes.At(i);
         const size_t node = file_.Index("nodes", index);
         if (is_placed_[node]) index.Fail("a node is the child of two");
-        PlaceNode(node, root_from_parent, depth, placed);
+        PlaceNode(node, above, depth, placed);
       }
     });
   }
 
-  void PlaceNode(size_t index, const Affine3d& root_from_parent, size_t depth,
-                 std::vector<PlacedMesh>& placed) {
+  void PlaceNode(size_t index, const Above& above, size_t depth, std::vector<PlacedMesh>& placed) {
     is_placed_[index] = true;
     const JsonPlace node = file_.Item("nodes", index);
-    const Affine3d root_from_node = root_from_parent * PlaceOf(node);
+    const Affine3d root_from_node = above.root_from_parent * PlaceOf(node);
+    const std::string name =
+        PartName(above.name,
+                 node.Has("name") ? node.Member("name").String() : fmt::format("nodes[{}]", index));
     IfThere(node, {"mesh"}, [&](const JsonPlace& mesh) {
       const size_t number = file_.Index("meshes", mesh);
-      for (const Affine3d& node_from_instance : Instances(node)) {
+      const std::vector<Affine3d> instances = Instances(node);
+      for (size_t i = 0; i < instances.size(); ++i) {
         if (placed.size() >= kMaxPlacedMeshes) FailOfMany();
-        placed.push_back({number, root_from_node * node_from_instance});
+        placed.push_back({number, root_from_node * instances[i],
+                          instances.size() > 1 ? fmt::format("{}[{}]", name, i) : name});
       }
     });
-    PlaceNodes(node, "children", root_from_node, depth + 1, placed);
+    PlaceNodes(node, "children", {root_from_node, name}, depth + 1, placed);
   }
 
   // Where the mesh of a node stands (EXT_mesh_gpu_instancing): once, if it does not say.
@@ -482,6 +496,8 @@ class GltfReader {
                                     primitive.material < mesh_.materials.size()
                                         ? static_cast<uint32_t>(primitive.material)
                                         : RawMesh::kNone);
+    mesh_.triangle_parts.resize(mesh_.triangles.size(),
+                                static_cast<uint32_t>(mesh_.parts.size()) - 1);
   }
 
   // glTF's v goes down.

@@ -79,8 +79,23 @@ void AppendAttribute(const std::vector<T>& values, size_t count, const T& missin
 }
 
 struct Attributes {
-  bool colors = false, coordinates = false, textures = false, faces = false;
+  bool colors = false, coordinates = false, textures = false, faces = false, labels = false;
 };
+
+// Instances of meshes that are joined are counted on.
+void AppendLabels(TriangleMesh mesh, TriangleMesh& target) {
+  const auto first_label = static_cast<uint32_t>(target.labels.size());
+  for (uint32_t& label : mesh.triangle_labels) {
+    if (label != SurfaceLabel::kNone) label += first_label;
+  }
+  AppendAttribute(mesh.triangle_labels, mesh.triangles.size(), SurfaceLabel::kNone,
+                  target.triangle_labels);
+  for (SurfaceLabel& label : mesh.labels) {
+    if (label.instance != SurfaceLabel::kNone) label.instance += target.num_instances;
+    target.labels.push_back(std::move(label));
+  }
+  target.num_instances += mesh.num_instances;
+}
 
 void Append(TriangleMesh mesh, const Attributes& attributes, TriangleMesh& target) {
   const size_t first_vertex = target.vertices.size();
@@ -115,6 +130,7 @@ void Append(TriangleMesh mesh, const Attributes& attributes, TriangleMesh& targe
     AppendAttribute(mesh.triangle_textures, mesh.triangles.size(), -1, target.triangle_textures);
     std::move(mesh.textures.begin(), mesh.textures.end(), std::back_inserter(target.textures));
   }
+  if (attributes.labels) AppendLabels(std::move(mesh), target);
   target.warnings.insert(target.warnings.end(), mesh.warnings.begin(), mesh.warnings.end());
 }
 
@@ -206,6 +222,7 @@ TriangleMesh MergeMeshes(std::vector<TriangleMesh> meshes) {
     attributes.coordinates |= !mesh.texture_coordinates.empty();
     attributes.textures |= !mesh.triangle_textures.empty();
     attributes.faces |= !mesh.triangle_faces.empty();
+    attributes.labels |= !mesh.labels.empty();
   }
   merged.vertices.reserve(num_vertices + 1);  // the ray caster wants room for one more
   merged.triangles.reserve(num_triangles);
@@ -213,6 +230,7 @@ TriangleMesh MergeMeshes(std::vector<TriangleMesh> meshes) {
     Append(std::move(mesh), attributes, merged);
     mesh = TriangleMesh();
   }
+  NumberMaterials(merged);
   return merged;
 }
 

@@ -52,9 +52,22 @@ class ObjParser {
     } else if (tokens[0] == "usemtl") {
       const auto material = material_by_name_.find(Rest(line, tokens[0]));
       material_ = material == material_by_name_.end() ? RawMesh::kNone : material->second;
+    } else if (tokens[0] == "o" || tokens[0] == "g") {
+      (tokens[0] == "o" ? object_ : group_) = Rest(line, tokens[0]);
+      part_ = PartOf(object_, group_);
     } else if (tokens[0] == "mtllib") {
       ReadMaterials(std::string(Rest(line, tokens[0])));
     }
+  }
+
+  // Returns the part that faces of this object and group are; a name that comes again is the same.
+  uint32_t PartOf(const std::string& object, const std::string& group) {
+    std::string name = PartName(object, group);
+    if (name.empty()) return RawMesh::kNone;
+    const auto next = static_cast<uint32_t>(mesh_.parts.size());
+    const auto [entry, is_new] = part_by_name_.try_emplace(name, next);
+    if (is_new) mesh_.parts.push_back(std::move(name));
+    return entry->second;
   }
 
   // "nan" is a number here: such vertices are counted and dropped later, with their triangles.
@@ -121,6 +134,7 @@ class ObjParser {
     }
     const size_t added = AddFace(num_faces_ - 1, corners_, corner_uvs_, mesh_);
     mesh_.triangle_materials.insert(mesh_.triangle_materials.end(), added, material_);
+    mesh_.triangle_parts.insert(mesh_.triangle_parts.end(), added, part_);
   }
 
   // A name with blanks is one file where that exists, else several files.
@@ -148,9 +162,10 @@ class ObjParser {
       const auto tokens = SplitTokens(*line);
       if (tokens.size() < 2) continue;
       if (tokens[0] == "newmtl") {
-        material_by_name_[std::string(Rest(*line, tokens[0]))] =
-            static_cast<uint32_t>(mesh_.materials.size());
+        const auto next = static_cast<uint32_t>(mesh_.materials.size());
         material = &mesh_.materials.emplace_back();
+        material->name = Rest(*line, tokens[0]);
+        material_by_name_[material->name] = next;
       } else if (material != nullptr && tokens[0] == "Kd" && tokens.size() >= 4) {
         material->color_rgb =
             RgbFromUnit(reader.Double(tokens[1], "Kd"), reader.Double(tokens[2], "Kd"),
@@ -170,7 +185,9 @@ class ObjParser {
   const std::filesystem::path& path_;
   LineReader reader_;
   RawMesh mesh_;
-  uint32_t material_ = RawMesh::kNone;
+  uint32_t material_ = RawMesh::kNone, part_ = RawMesh::kNone;
+  std::string object_, group_;
+  std::map<std::string, uint32_t> part_by_name_;
   std::map<std::string, uint32_t, std::less<>> material_by_name_;
   std::map<std::string, int32_t> texture_by_name_;
   size_t num_faces_ = 0;

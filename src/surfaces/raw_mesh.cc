@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <limits>
+#include <map>
 #include <numeric>
+#include <utility>
 
 #include "base/input_paths.h"
 #include "pictures/picture_codec.h"
@@ -28,22 +30,25 @@ std::vector<uint32_t> FirstIndices(size_t count) {
 template <typename Predicate>
 size_t RemoveTriangles(RawMesh& raw, const Predicate& remove) {
   size_t kept = 0;
+  const auto with_attributes = [&raw](const auto& act) {
+    for (auto* const indices :
+         {&raw.triangle_faces, &raw.triangle_materials, &raw.triangle_parts}) {
+      if (!indices->empty()) act(*indices);
+    }
+    if (!raw.triangle_uvs.empty()) act(raw.triangle_uvs);
+  };
   for (size_t i = 0; i < raw.triangles.size(); ++i) {
     if (remove(raw.triangles[i])) {
       if (raw.triangle_faces.empty()) raw.triangle_faces = FirstIndices(raw.triangles.size());
       continue;
     }
-    if (!raw.triangle_faces.empty()) raw.triangle_faces[kept] = raw.triangle_faces[i];
     raw.triangles[kept] = raw.triangles[i];
-    if (!raw.triangle_uvs.empty()) raw.triangle_uvs[kept] = raw.triangle_uvs[i];
-    if (!raw.triangle_materials.empty()) raw.triangle_materials[kept] = raw.triangle_materials[i];
+    with_attributes([&](auto& values) { values[kept] = values[i]; });
     ++kept;
   }
   const size_t removed = raw.triangles.size() - kept;
   raw.triangles.resize(kept);
-  if (!raw.triangle_faces.empty()) raw.triangle_faces.resize(kept);
-  if (!raw.triangle_uvs.empty()) raw.triangle_uvs.resize(kept);
-  if (!raw.triangle_materials.empty()) raw.triangle_materials.resize(kept);
+  with_attributes([&](auto& values) { values.resize(kept); });
   return removed;
 }
 
@@ -160,6 +165,31 @@ void SetTriangleTextures(const RawMesh& raw, TriangleMesh& mesh) {
   }
 }
 
+// A label for each pair of part and material that triangles have.
+void SetTriangleLabels(const RawMesh& raw, TriangleMesh& mesh) {
+  const bool named = !raw.parts.empty() ||
+                     std::any_of(raw.materials.begin(), raw.materials.end(),
+                                 [](const auto& material) { return !material.name.empty(); });
+  if (!named) return;
+  std::map<std::pair<uint32_t, uint32_t>, uint32_t> numbers;
+  mesh.triangle_labels.reserve(raw.triangles.size());
+  for (size_t i = 0; i < raw.triangles.size(); ++i) {
+    const uint32_t part = raw.triangle_parts.empty() ? RawMesh::kNone : raw.triangle_parts[i];
+    const uint32_t material =
+        raw.triangle_materials.empty() ? RawMesh::kNone : raw.triangle_materials[i];
+    const auto [entry, is_new] =
+        numbers.try_emplace({part, material}, static_cast<uint32_t>(mesh.labels.size()));
+    mesh.triangle_labels.push_back(entry->second);
+    if (!is_new) continue;
+    SurfaceLabel& label = mesh.labels.emplace_back();
+    if (part != RawMesh::kNone)
+      label.instance_name = PartName("", raw.parts[label.instance = part]);
+    if (material != RawMesh::kNone) label.material = PartName("", raw.materials[material].name);
+  }
+  mesh.num_instances = static_cast<uint32_t>(raw.parts.size());
+  NumberMaterials(mesh);
+}
+
 }  // namespace
 
 size_t AddFace(size_t face, std::span<const uint32_t> corners, std::span<const uint32_t> corner_uvs,
@@ -273,9 +303,28 @@ std::optional<TriangleMesh> FinishMeshIfAny(const std::filesystem::path& path, R
   for (size_t i = 0; i < raw.triangles.size(); ++i) uniter.AddTriangle(i);
   RefuseCoarseFloats(path, mesh, without_area, triangles_in_file);
   SetTriangleTextures(raw, mesh);
+  SetTriangleLabels(raw, mesh);
   mesh.textures = std::move(raw.textures);
   mesh.triangle_faces = std::move(raw.triangle_faces);
   return mesh;
+}
+
+std::string PartName(std::string_view above, std::string_view name) {
+  constexpr size_t kMaxLength = 200;
+  std::string whole(above);
+  if (!above.empty() && !name.empty()) whole += '/';
+  whole += name;
+  return whole.size() > kMaxLength ? whole.substr(whole.size() - kMaxLength) : whole;
+}
+
+void NumberMaterials(TriangleMesh& mesh) {
+  std::map<std::string, uint32_t> numbers;
+  for (SurfaceLabel& label : mesh.labels) {
+    if (label.material.empty()) continue;
+    const auto next = static_cast<uint32_t>(numbers.size());
+    label.semantic = numbers.try_emplace(label.material, next).first->second;
+    label.semantic_name = label.material;
+  }
 }
 
 std::optional<Image> DecodeTexture(std::span<const uint8_t> bytes) {

@@ -27,8 +27,9 @@ struct RawMesh {
   static constexpr uint32_t kNone = 0xffffffffu;
 
   struct Material {
-    int32_t texture = -1;          // index into `textures`, -1 = none
-    std::optional<Rgb> color_rgb;  // what a surface without texture looks like
+    int32_t texture = -1;                         // index into `textures`, -1 = none
+    std::optional<Rgb> color_rgb = std::nullopt;  // what a surface without texture looks like
+    std::string name = {};
   };
 
   std::vector<Eigen::Vector3d> positions;
@@ -44,6 +45,9 @@ struct RawMesh {
   std::vector<std::array<uint32_t, 3>> triangle_uvs;
   std::vector<uint32_t> triangle_materials;  // empty, or one per triangle; kNone allowed
 
+  std::vector<uint32_t> triangle_parts;  // likewise, indices into `parts`
+
+  std::vector<std::string> parts;  // names of nodes, groups or objects
   std::vector<Material> materials;
   std::vector<Image> textures;
   std::vector<std::string> warnings;
@@ -82,6 +86,13 @@ void RefuseCoarseFloats(const std::filesystem::path& path, const TriangleMesh& m
 // and an area, FinishMesh throws InputError then.
 std::optional<TriangleMesh> FinishMeshIfAny(const std::filesystem::path& path, RawMesh raw);
 TriangleMesh FinishMesh(const std::filesystem::path& path, RawMesh raw);
+
+// Returns the name of a part below others, with a slash between; of long names the end, as hostile
+// files would have them fill the memory.
+std::string PartName(std::string_view above, std::string_view name);
+
+// Sets the semantics of labels: the numbers of their materials' names.
+void NumberMaterials(TriangleMesh& mesh);
 
 // Returns the picture as RGB; nullopt if the bytes are no picture that can be decoded.
 std::optional<Image> DecodeTexture(std::span<const uint8_t> bytes);

@@ -204,11 +204,14 @@ class Splitter {
   void TakeParents(const std::vector<uint32_t>& parents) {
     std::vector<uint32_t> faces(parents.size());
     for (size_t t = 0; t < parents.size(); ++t) faces[t] = mesh_.FaceOf(parents[t]);
-    if (!mesh_.triangle_textures.empty()) {
-      std::vector<int32_t> textures(parents.size());
-      for (size_t t = 0; t < parents.size(); ++t) textures[t] = mesh_.triangle_textures[parents[t]];
-      mesh_.triangle_textures = std::move(textures);
-    }
+    const auto take = [&parents](auto& values) {
+      if (values.empty()) return;
+      std::remove_reference_t<decltype(values)> taken(parents.size());
+      for (size_t t = 0; t < parents.size(); ++t) taken[t] = values[parents[t]];
+      values = std::move(taken);
+    };
+    take(mesh_.triangle_textures);
+    take(mesh_.triangle_labels);
     for (uint32_t& begin : mesh_.object_begins) {
       begin = static_cast<uint32_t>(std::lower_bound(parents.begin(), parents.end(), begin) -
                                     parents.begin());

@@ -44,6 +44,17 @@ std::string_view MeaningOf(Product product) {
     case Product::kObject:
       return "which mesh, counted from 0 in the order they were given in (a folder's by name).\n"
              "  4294967295: no surface.";
+    case Product::kInstance:
+      return "which part of the meshes' files, counted from 0: a node of glTF and others, an "
+             "object\n"
+             "  and group of OBJ, an object of a city model; instance.txt says what ids are "
+             "called.\n"
+             "  4294967295: no surface, or one without a name.";
+    case Product::kSemantic:
+      return "which material or, of a city model, kind of surface, counted from 0 by name; or the\n"
+             "  id of the table of semantics. semantic.txt says what ids are called. 4294967295: "
+             "no\n"
+             "  surface, or one without a name.";
     case Product::kIncidence:
       return "angle between the ray and the normal in degrees: 0 seen from straight ahead, 90\n"
              "  grazing. -1: no surface.";
@@ -88,10 +99,13 @@ std::string PngText(Product product, const StorageOptions& storage) {
       return "8 bits, RGB";
     case Product::kMask:
       return "8 bits, gray";
-    case Product::kInverseDepth:
-    case Product::kPoints:
     case Product::kTriangle:
     case Product::kObject:
+    case Product::kInstance:
+    case Product::kSemantic:
+      return "16 bits, ids up to 65534; 65535: none";
+    case Product::kInverseDepth:
+    case Product::kPoints:
     case Product::kIncidence:
       break;
   }

@@ -8,6 +8,7 @@
 #include "base/hash.h"
 #include "base/json_text.h"
 #include "io/text/line_tokens.h"
+#include "views/surface_labels.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -55,7 +56,7 @@ Json ProductJson(const ProductOutput& output, const RenderJobOptions& options) {
   if (is_float && !IsId(output.product)) {
     json["sample"] = floats.sample == FloatSample::kFloat16 ? "half" : "float";
   }
-  if (is_float && output.format == "png") {
+  if (is_float && !IsId(output.product) && output.format == "png") {
     json["step"] = floats.png_step;
     json["png_compression"] = floats.png_compression;
   }
@@ -147,6 +148,14 @@ std::string JobHeader(const RayCaster& scene, const RenderJobOptions& options) {
     products[std::string(ToString(output.product))] = ProductJson(output, options);
   }
   json["products"] = std::move(products);
+  for (const ProductOutput& output : options.products) {
+    if (const auto names = NamesOfIds(output.product, scene.mesh())) {
+      const auto& labels = scene.mesh().triangle_labels;
+      const std::string_view bytes(reinterpret_cast<const char*>(labels.data()),
+                                   labels.size() * sizeof(labels[0]));
+      json["labels"] = HexText(HashBytes64(bytes, HashBytes64(json.value("labels", "") + *names)));
+    }
+  }
   return json.dump();
 }
 

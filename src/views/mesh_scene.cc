@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "lifting/mesh_spec.h"
+#include "views/surface_labels.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -46,7 +47,8 @@ size_t BytesOf(const std::vector<T>& values) {
 size_t BytesOf(const TriangleMesh& mesh) {
   size_t bytes = BytesOf(mesh.vertices) + BytesOf(mesh.triangles) +
                  BytesOf(mesh.vertex_colors_rgb) + BytesOf(mesh.texture_coordinates) +
-                 BytesOf(mesh.triangle_textures) + BytesOf(mesh.triangle_faces);
+                 BytesOf(mesh.triangle_textures) + BytesOf(mesh.triangle_faces) +
+                 BytesOf(mesh.triangle_labels);
   for (const Image& texture : mesh.textures) bytes += texture.data.size();
   return bytes;
 }
@@ -101,6 +103,8 @@ MeshScene LoadMeshScene(const std::vector<std::string>& specs, const MeshSceneOp
                      });
   }
   const SceneSpec parsed = ParseSpecs(specs);
+  std::vector<SemanticRule> rules;
+  if (!options.semantics.empty()) rules = ReadSemanticRules(options.semantics);
   RayCasterOptions build;
   build.build_quality = parsed.build.value_or(BuildQuality::kMedium);
   std::vector<std::pair<std::filesystem::path, const MeshSpec*>> files;
@@ -117,8 +121,11 @@ MeshScene LoadMeshScene(const std::vector<std::string>& specs, const MeshSceneOp
         fmt::format("reading mesh {} of {}: {}", meshes.size() + 1, files.size(), file.string()));
     meshes.push_back(OpenMesh(*part, file, options.threads));
   }
-  auto mesh = std::make_shared<const TriangleMesh>(
-      meshes.size() == 1 ? std::move(meshes.front()) : MergeMeshes(std::move(meshes)));
+  auto mesh = std::make_shared<TriangleMesh>(meshes.size() == 1 ? std::move(meshes.front())
+                                                                : MergeMeshes(std::move(meshes)));
+  for (std::string& warning : AssignSemantics(rules, *mesh)) {
+    mesh->warnings.push_back(std::move(warning));
+  }
   const auto read = Clock::now();
   build.on_build_progress = [&on_step](double share) {
     on_step(fmt::format("building the acceleration structure: {:.0f} %", 100 * share));

@@ -18,7 +18,7 @@ constexpr std::array<std::string_view, 7> kOfDepth = {"npy", "exr",  "npz", "png
 constexpr std::array<std::string_view, 5> kOfAngles = {"npy", "exr", "npz", "tiff", "pfm"};
 constexpr std::array<std::string_view, 5> kOfNormals = {"npy", "exr", "npz", "png", "bin"};
 constexpr std::array<std::string_view, 3> kOfPoints = {"npy", "exr", "npz"};
-constexpr std::array<std::string_view, 3> kOfIndices = {"npy", "exr", "npz"};
+constexpr std::array<std::string_view, 4> kOfIndices = {"npy", "exr", "npz", "png"};
 constexpr std::array<std::string_view, 2> kOfColor = {"png", "jpg"};
 constexpr std::array<std::string_view, 1> kOfMask = {"png"};
 
@@ -42,15 +42,6 @@ WrittenFile WriteFloats(const path& file, const Frame& frame, const std::vector<
   return {file, report.bytes, report.dropped};
 }
 
-// Returns for each pixel the number of its triangle.
-template <typename Number>
-std::vector<uint32_t> Numbered(const Frame& frame, const Number& number) {
-  std::vector<uint32_t> ids(frame.triangle.size());
-  std::transform(frame.triangle.begin(), frame.triangle.end(), ids.begin(),
-                 [&number](uint32_t id) { return id == HitBlock::kNoTriangle ? id : number(id); });
-  return ids;
-}
-
 DepthWriteOptions OptionsFor(const ProductOutput& output, const DepthWriteOptions& floats) {
   DepthWriteOptions options = floats;
   options.format = std::nullopt;
@@ -72,6 +63,8 @@ DepthWriteOptions OptionsFor(const ProductOutput& output, const DepthWriteOption
     case Product::kColor:
     case Product::kTriangle:
     case Product::kObject:
+    case Product::kInstance:
+    case Product::kSemantic:
     case Product::kMask:
       break;
   }
@@ -87,12 +80,18 @@ std::vector<float> InverseDepths(const Frame& frame) {
   return inverse;
 }
 
-std::vector<uint32_t> FaceIds(const Frame& frame, const TriangleMesh& mesh) {
-  return Numbered(frame, [&mesh](uint32_t triangle) { return mesh.FaceOf(triangle); });
-}
-
-std::vector<uint32_t> ObjectIds(const Frame& frame, const TriangleMesh& mesh) {
-  return Numbered(frame, [&mesh](uint32_t triangle) { return mesh.ObjectOf(triangle); });
+std::vector<uint32_t> IdsOf(Product product, const Frame& frame, const TriangleMesh& mesh) {
+  RAYLIFT_CHECK(IsId(product));
+  const auto id_of = [&](uint32_t triangle) {
+    if (triangle == HitBlock::kNoTriangle) return triangle;
+    if (product == Product::kTriangle) return mesh.FaceOf(triangle);
+    if (product == Product::kObject) return mesh.ObjectOf(triangle);
+    const SurfaceLabel& label = mesh.LabelOf(triangle);
+    return product == Product::kInstance ? label.instance : label.semantic;
+  };
+  std::vector<uint32_t> ids(frame.triangle.size());
+  std::transform(frame.triangle.begin(), frame.triangle.end(), ids.begin(), id_of);
+  return ids;
 }
 
 std::span<const std::string_view> FormatsOf(Product product) {
@@ -108,6 +107,8 @@ std::span<const std::string_view> FormatsOf(Product product) {
       return kOfColor;
     case Product::kTriangle:
     case Product::kObject:
+    case Product::kInstance:
+    case Product::kSemantic:
       return kOfIndices;
     case Product::kIncidence:
     case Product::kInverseDepth:
@@ -125,6 +126,8 @@ std::string_view ExrChannels(Product product) {
       return "R,G,B";
     case Product::kTriangle:
     case Product::kObject:
+    case Product::kInstance:
+    case Product::kSemantic:
       return "id";
     case Product::kDepth:
     case Product::kDistance:
@@ -171,9 +174,10 @@ WrittenFile WriteProduct(const path& file, const ProductOutput& output, const Fr
     case Product::kColor:
       return WritePicture(file, frame.color, storage.jpeg_quality);
     case Product::kTriangle:
-      return {file, WriteIndexMap(file, size, FaceIds(frame, mesh), options)};
     case Product::kObject:
-      return {file, WriteIndexMap(file, size, ObjectIds(frame, mesh), options)};
+    case Product::kInstance:
+    case Product::kSemantic:
+      return {file, WriteIndexMap(file, size, IdsOf(output.product, frame, mesh), options)};
     case Product::kMask:
       return WritePicture(file, frame.mask, 0);
   }

@@ -13,6 +13,7 @@
 #include "renderers/view_frame.h"
 #include "views/camera_files.h"
 #include "views/job_files.h"
+#include "views/surface_labels.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -162,8 +163,12 @@ std::vector<std::string> ListForeignFiles(std::span<const RenderTask> tasks,
 }
 
 void RemoveLeftoversOfShard(std::span<const RenderTask> tasks, const RenderJobOptions& options) {
-  std::vector<std::string> files = {"summary.json", "timing.jsonl", "preview.png",
+  std::vector<std::string> files = {"summary.json",
+                                    "timing.jsonl",
+                                    "preview.png",
                                     std::string(kFileGuideName),
+                                    "instance.txt",
+                                    "semantic.txt",
                                     ManifestPath({}, options.shard).string()};
   for (size_t i = 0; i < tasks.size(); ++i) {
     if (!options.shard.Contains(i)) continue;
@@ -344,6 +349,11 @@ class RenderJob {
         of_cameras_ = WriteMvsnetCameras(options_.out, *scene_, views, threads_);
       }
     }
+    for (const ProductOutput& output : options_.products) {
+      if (const auto names = NamesOfIds(output.product, scene_->mesh())) {
+        WriteFile(options_.out / fmt::format("{}.txt", ToString(output.product)), *names);
+      }
+    }
     WriteGuide(options_);
     WriteFile(options_.out / "summary.json",
               SummaryJson(header_, all, WarningsOf(all, tasks_, *scene_)));
@@ -384,6 +394,7 @@ RenderSummary RunRenderJob(const std::shared_ptr<const RayCaster>& scene,
   RAYLIFT_CHECK(scene != nullptr);
   RAYLIFT_CHECK(!options.products.empty());
   CheckCameraFiles(tasks, options);
+  RequireIds(options.products, scene->mesh());
   return RenderJob(scene, std::move(tasks), options, hooks).Run();
 }
 

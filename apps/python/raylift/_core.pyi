@@ -572,6 +572,8 @@ class RayCaster:
         color      (H, W, 3) uint8, RGB
         triangle   (H, W) uint32, index; 4294967295: none
         object     (H, W) uint32, which of several meshes; 4294967295: none
+        instance   (H, W) uint32, which node, group or city object; likewise
+        semantic   (H, W) uint32, which material or kind of surface; likewise
         incidence  (H, W) float32, degrees; -1: no surface
         mask       (H, W) uint8, 255 where there is a surface
 

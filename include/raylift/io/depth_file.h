@@ -147,7 +147,8 @@ DepthWriteReport WriteDepthFile(const std::filesystem::path& path, const FloatPl
 size_t WriteVectorMap(const std::filesystem::path& path, PlaneSize size,
                       std::span<const float> vectors, const DepthWriteOptions& options = {});
 
-// One whole number per pixel, exactly: .exr (uint32, channel "id"), .npy, .npz (uint32, key "id").
+// One whole number per pixel, exactly: .exr (uint32, channel "id"), .npy, .npz (uint32, key "id"),
+// .png (16 bits; 4294967295 is 65535 there).
 size_t WriteIndexMap(const std::filesystem::path& path, PlaneSize size,
                      std::span<const uint32_t> indices, const DepthWriteOptions& options = {});
 

@@ -14,6 +14,19 @@
 
 namespace raylift {
 
+// What a mesh's file calls a part of its surface.
+struct SurfaceLabel {
+  static constexpr uint32_t kNone = 0xffffffffu;
+
+  uint32_t instance = kNone;  // which node, group or object of the scene it is, from 0
+  std::string instance_name;  // with those above it, between slashes
+  std::string material;       // of a city model the kind of its surface, as RoofSurface
+
+  // The number of the material's name in the scene, or what a table makes of one of both names.
+  uint32_t semantic = kNone;
+  std::string semantic_name;
+};
+
 struct TriangleMesh {
   // Vertices are float, relative to this origin, which is subtracted in double before rounding:
   // world coordinates of 1e6 m keep their precision.
@@ -35,6 +48,11 @@ struct TriangleMesh {
   // The first triangle of each mesh where several were joined; empty where it is one mesh.
   std::vector<uint32_t> object_begins;
 
+  // Per triangle, index into `labels`, SurfaceLabel::kNone = none; empty where there are no labels.
+  std::vector<uint32_t> triangle_labels;
+  std::vector<SurfaceLabel> labels;
+  uint32_t num_instances = 0;  // theirs are below it
+
   // The reader's messages to the user: degenerate triangles removed, a texture missing, ...
   std::vector<std::string> warnings;
 
@@ -48,6 +66,14 @@ struct TriangleMesh {
   uint32_t FaceOf(uint32_t triangle) const {
     if (!triangle_faces.empty()) return triangle_faces[triangle];
     return object_begins.empty() ? triangle : triangle - object_begins[ObjectOf(triangle)];
+  }
+
+  // Returns what the triangle's part is called; one without names where the file has none.
+  const SurfaceLabel& LabelOf(uint32_t triangle) const {
+    static const SurfaceLabel kWithoutNames;
+    if (triangle_labels.empty() || triangle_labels[triangle] == SurfaceLabel::kNone)
+      return kWithoutNames;
+    return labels[triangle_labels[triangle]];
   }
 
   Eigen::Vector3d VertexInWorld(uint32_t index) const {

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstddef>
+#include <filesystem>
 #include <functional>
 #include <memory>
 #include <string>
@@ -22,7 +23,8 @@ struct MeshScene {
 };
 
 struct MeshSceneOptions {
-  int threads = 0;  // to read the files; <= 0: all
+  int threads = 0;                       // to read the files; <= 0: all
+  std::filesystem::path semantics = {};  // file of a table (ReadSemanticRules()); empty: none
   // Is told what is going on ("reading a.ply", "building, 40 %"), from any thread, one call at a
   // time.
   std::function<void(const std::string&)> on_step = {};

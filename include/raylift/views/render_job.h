@@ -38,6 +38,8 @@ enum class Product {
   kColor,         // RGB
   kTriangle,      // face of the mesh's file, from 0; 4294967295 = none
   kObject,        // which of the meshes, from 0; 4294967295 = none
+  kInstance,      // which node, group or city object (SurfaceLabel); likewise
+  kSemantic,      // which material or class of a table (SurfaceLabel); likewise
   kIncidence,     // angle between normal and ray, degrees; -1 = none
   kMask,          // 255 where there is a surface
 };
@@ -51,6 +53,8 @@ inline constexpr auto kEnumNames<Product> = std::to_array<EnumName<Product>>({
     {Product::kColor, "color"},
     {Product::kTriangle, "triangle"},
     {Product::kObject, "object"},
+    {Product::kInstance, "instance"},
+    {Product::kSemantic, "semantic"},
     {Product::kIncidence, "incidence"},
     {Product::kMask, "mask"},
 });
@@ -62,15 +66,15 @@ constexpr bool IsVector(Product product) {
 
 // Whole numbers.
 constexpr bool IsId(Product product) {
-  return product == Product::kTriangle || product == Product::kObject;
+  using enum Product;
+  return product == kTriangle || product == kObject || product == kInstance || product == kSemantic;
 }
 
 // Returns the values of kInverseDepth for a frame with a map of depth.
 std::vector<float> InverseDepths(const Frame& frame);
 
-// Return the values of kTriangle and kObject for a frame of this mesh with a map of triangles.
-std::vector<uint32_t> FaceIds(const Frame& frame, const TriangleMesh& mesh);
-std::vector<uint32_t> ObjectIds(const Frame& frame, const TriangleMesh& mesh);
+// Returns the values of a product of ids for a frame of this mesh with a map of triangles.
+std::vector<uint32_t> IdsOf(Product product, const Frame& frame, const TriangleMesh& mesh);
 
 struct ProductOutput {
   Product product;
@@ -204,6 +208,7 @@ struct RenderSummary {
 
 // Writes to `options.out`:
 //   PRODUCT/...           the files
+//   instance.txt, semantic.txt   what the ids of these products are called (surface_labels.h)
 //   manifest.jsonl        the options, the mesh and then each image; of a shard
 //                         manifest.I-of-N.jsonl, until all shards are complete
 //   summary.json, preview.png, README.txt (file_guide.h)   when all images are complete

@@ -212,6 +212,21 @@ std::string EncodeVectors(const path& file, PlaneSize size, std::span<const floa
   return bytes;
 }
 
+// "None", the largest number, stays that.
+std::vector<uint16_t> As16Bits(const path& file, std::span<const uint32_t> indices) {
+  std::vector<uint16_t> narrow;
+  narrow.reserve(indices.size());
+  for (const uint32_t index : indices) {
+    if (index >= UINT16_MAX && index != UINT32_MAX) {
+      throw InputError(file, fmt::format("the id {} is beyond the 65534 of a PNG of 16 bits: NPY, "
+                                         "NPZ and EXR hold it",
+                                         index));
+    }
+    narrow.push_back(static_cast<uint16_t>(index));
+  }
+  return narrow;
+}
+
 std::string EncodeIndices(const path& file, PlaneSize size, std::span<const uint32_t> indices,
                           const DepthWriteOptions& options) {
   const DepthFileFormat format = FormatOf(file, options);
@@ -219,6 +234,9 @@ std::string EncodeIndices(const path& file, PlaneSize size, std::span<const uint
     return EncodeExrIndices(file, size, indices, options.exr_compression);
   }
   if (format == DepthFileFormat::kNpy) return EncodeIndicesNpy(size, indices);
+  if (format == DepthFileFormat::kPng) {
+    return EncodePng16(file, size, As16Bits(file, indices), options.png_compression);
+  }
   if (format != DepthFileFormat::kNpz) FailAs(file, format, "whole numbers of 32 bits");
   return Zipped(file, "id", EncodeIndicesNpy(size, indices), options);
 }

@@ -1,0 +1,36 @@
+// What parts of surfaces are called, as ids in pictures: the instances and semantics of data sets.
+
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "raylift/surfaces/triangle_mesh.h"
+#include "raylift/views/render_job.h"
+
+namespace raylift {
+
+// A line of a table of semantics: the id of what has a name as the pattern's, as in a shell.
+struct SemanticRule {
+  uint32_t id;
+  std::string pattern;
+};
+
+// Reads lines of "ID PATTERN", ids up to 4294967294. Throws InputError naming the line.
+std::vector<SemanticRule> ReadSemanticRules(const std::filesystem::path& path);
+
+// Sets the `semantic` of each label, where there are rules: the id of the first one that its
+// material or instance has a name of. Returns warnings on rules and names that do not meet.
+std::vector<std::string> AssignSemantics(std::span<const SemanticRule> rules, TriangleMesh& mesh);
+
+// Throws OptionError where no part of the mesh has an id of a product.
+void RequireIds(std::span<const ProductOutput> products, const TriangleMesh& mesh);
+
+// Returns the lines "ID NAME" of kInstance and kSemantic, by id; nullopt of other products.
+std::optional<std::string> NamesOfIds(Product product, const TriangleMesh& mesh);
+
+}  // namespace raylift
