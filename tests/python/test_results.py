@@ -20,6 +20,8 @@ MESH = f"mesh:{DEMO / 'scene.obj'}"
 def faults(value, kind, path=""):
     """Where a value is not of the type."""
     origin, of = typing.get_origin(kind), typing.get_args(kind)
+    if hasattr(origin, "__value__"):  # NDArray of newer numpys
+        origin, of = np.ndarray, (None, np.dtype[of[0]])
     if typing.is_typeddict(kind):
         if not isinstance(value, dict):
             yield f"{path}: {value!r} is no {kind}"
