@@ -112,8 +112,8 @@ void Connection::OnHeader(const error_code& error) {
   if (error) return Fail(error);
   request_ = HeadOf(parser_->get());
   if (const auto problem = FramingProblem(parser_->get())) return Refuse(*problem);
-  auto answer = shared_.service.AnswerHead(request_, shared_.is_ready,
-                                           [this] { return shared_.Gauges(); });
+  auto answer =
+      shared_.service.AnswerHead(request_, shared_.is_ready, [this] { return shared_.Gauges(); });
   // What is left of a body that is not read would be taken for the next request.
   closes_ = !parser_->keep_alive() || (answer && !parser_->is_done());
   if (answer) return Write(std::move(*answer));

@@ -88,7 +88,7 @@ struct Shared {
   ServerOptions options;
   Service service;
   size_t held_bytes = 0;  // of bodies
-  bool is_ready = true;  // else no more requests should be sent
+  bool is_ready = true;   // else no more requests should be sent
   bool is_draining = false;
   std::set<class Connection*> connections;
   std::list<Connection*> idle;  // of them those without a request, the longest so first

@@ -7,8 +7,8 @@
 #include <utility>
 #include <vector>
 
-#include "service/localize_request.h"
 #include "base/base64.h"
+#include "service/localize_request.h"
 #include "service/problem.h"
 #include <fmt/format.h>
 #include <openssl/crypto.h>
