@@ -333,6 +333,13 @@ VertexNumbers GltfFile::ReadNumbers(const JsonPlace& index, size_t components) {
   return {items.components, Read<float>(accessor, items)};
 }
 
+VertexNumbers GltfFile::ReadAttribute(const JsonPlace& attributes, std::string_view name,
+                                      size_t components) {
+  if (!attributes.Has(name)) return {};
+  const JsonPlace index = attributes.Member(name);
+  return ReadNumbers(index, components);
+}
+
 std::vector<uint32_t> GltfFile::ReadIndices(const JsonPlace& index) {
   const JsonPlace accessor = Item("accessors", Index("accessors", index));
   const Items items = ItemsOf(accessor, 1);

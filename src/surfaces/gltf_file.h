@@ -16,6 +16,7 @@
 #include "surfaces/file_readers.h"
 #include "surfaces/gltf_compression.h"
 #include "surfaces/input_files.h"
+#include <Eigen/Core>
 
 namespace raylift {
 
@@ -32,6 +33,22 @@ void IfThere(const JsonPlace& place, std::initializer_list<std::string_view> nam
 
 // Returns a number of bytes or items up to 2^32 - 1; `missing` where there is no such member.
 uint64_t CountOf(const JsonPlace& place, std::string_view member, uint64_t missing);
+
+// Returns the numbers of a member; `missing` where there is none.
+template <int N>
+Eigen::Matrix<double, N, 1> VectorOr(const JsonPlace& place, std::string_view member,
+                                     const Eigen::Matrix<double, N, 1>& missing) {
+  if (!place.Has(member)) return missing;
+  const JsonPlace vector = place.Member(member);
+  return vector.Vector<N>();
+}
+
+// Of an attribute, whose components are N.
+template <int N>
+Eigen::Matrix<double, N, 1> ItemOf(const VertexNumbers& numbers, size_t index) {
+  return Eigen::Map<const Eigen::Matrix<float, N, 1>>(&numbers.values[N * index])
+      .template cast<double>();
+}
 
 // What is read is checked when it is: the members throw InputError that names file and JSON path.
 class GltfFile {
@@ -51,6 +68,9 @@ class GltfFile {
   // The items of an accessor, each of `components` numbers; 0: as many as it has, 3 or 4.
   // Normalized integers become numbers up to 1.
   VertexNumbers ReadNumbers(const JsonPlace& index, size_t components);
+  // The same of the accessor that a member names; no numbers where there is no such member.
+  VertexNumbers ReadAttribute(const JsonPlace& attributes, std::string_view name,
+                              size_t components);
   // Unsigned integers.
   std::vector<uint32_t> ReadIndices(const JsonPlace& index);
 

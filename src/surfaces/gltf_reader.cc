@@ -14,6 +14,7 @@
 #include "base/read_limits.h"
 #include "surfaces/file_readers.h"
 #include "surfaces/gltf_file.h"
+#include "surfaces/gltf_nodes.h"
 #include "surfaces/input_files.h"
 #include <Eigen/Geometry>
 #include <fmt/format.h>
@@ -39,40 +40,6 @@ constexpr Rgb kWhite = {255, 255, 255};
 uint8_t ByteOfLinear(float linear) {
   const double c{linear};
   return NearestByte((c <= 0.0031308 ? 12.92 * c : 1.055 * std::pow(c, 1 / 2.4) - 0.055) * 255);
-}
-
-template <int N>
-Eigen::Matrix<double, N, 1> Item(const VertexNumbers& numbers, size_t index) {
-  return Eigen::Map<const Eigen::Matrix<float, N, 1>>(&numbers.values[N * index])
-      .template cast<double>();
-}
-
-template <int N>
-Eigen::Matrix<double, N, 1> VectorOr(const JsonPlace& place, std::string_view member,
-                                     const Eigen::Matrix<double, N, 1>& missing) {
-  if (!place.Has(member)) return missing;
-  const JsonPlace vector = place.Member(member);
-  return vector.Vector<N>();
-}
-
-// translation * rotation (x, y, z, w) * scale.
-Affine3d PlaceOf(const Eigen::Vector3d& translation, const Eigen::Vector4d& rotation,
-                 const Eigen::Vector3d& scale) {
-  return Affine3d(Eigen::Translation3d(translation))
-      .rotate(Eigen::Quaterniond(rotation).normalized())
-      .scale(scale);
-}
-
-Affine3d PlaceOf(const JsonPlace& node) {
-  Affine3d parent_from_node = Affine3d::Identity();
-  if (node.Has("matrix")) {  // by columns
-    const JsonPlace matrix = node.Member("matrix");
-    parent_from_node.matrix() = matrix.Vector<16>().reshaped(4, 4);
-    return parent_from_node;
-  }
-  return PlaceOf(VectorOr<3>(node, "translation", {0, 0, 0}),
-                 VectorOr<4>(node, "rotation", {0, 0, 0, 1}),
-                 VectorOr<3>(node, "scale", {1, 1, 1}));
 }
 
 // What the triangles of a material need besides its color or picture.
@@ -138,9 +105,7 @@ class GltfReader {
       uv_uses_.emplace_back();
     }
     std::map<size_t, size_t> uses;
-    std::vector<PlacedMesh> placed;
-    PlaceScene(RootFromScene(), placed);
-    if (!copies.empty()) placed = Copied(placed, copies);
+    std::vector<PlacedMesh> placed = PlaceMeshes(path_, file_, z_up_from_gltf_, copies);
     for (const PlacedMesh& mesh : placed) ++uses[mesh.index];
     std::map<size_t, std::vector<Primitive>> shared;
     for (PlacedMesh& mesh : placed) {
@@ -161,12 +126,6 @@ class GltfReader {
   }
 
  private:
-  struct PlacedMesh {
-    size_t index;
-    Affine3d root_from_mesh;
-    std::string name;  // PartName()
-  };
-
   void RequireKnownExtensions() const {
     IfThere(file_.root(), {"extensionsRequired"}, [](const JsonPlace& required) {
       for (size_t i = 0; i < required.ArraySize(); ++i) {
@@ -244,138 +203,6 @@ class GltfReader {
     return static_cast<int32_t>(mesh_.textures.size()) - 1;
   }
 
-  Affine3d RootFromScene() const {
-    Eigen::Vector3d center = Eigen::Vector3d::Zero();  // in axes of which z is up
-    IfThere(file_.root(), {"extensions", "CESIUM_RTC"}, [&](const JsonPlace& rtc) {
-      center = VectorOr<3>(rtc, "center", {0, 0, 0});
-    });
-    return Affine3d(Eigen::Translation3d(z_up_from_gltf_.transpose() * center));
-  }
-
-  // Adds meshes in the order of the tree.
-  void PlaceScene(const Affine3d& root_from_scene, std::vector<PlacedMesh>& placed) {
-    is_placed_.assign(file_.CountItems("nodes"), false);
-    if (file_.CountItems("scenes") == 0) return PlaceRoots(root_from_scene, placed);
-    size_t shown = 0;
-    IfThere(file_.root(), {"scene"},
-            [&](const JsonPlace& scene) { shown = file_.Index("scenes", scene); });
-    const JsonPlace scene = file_.Item("scenes", shown);
-    PlaceNodes(scene, "nodes", {root_from_scene, ""}, 0, placed);
-  }
-
-  std::vector<PlacedMesh> Copied(std::span<const PlacedMesh> scene,
-                                 std::span<const Affine3d> copies) const {
-    if (scene.size() * copies.size() > kMaxPlacedMeshes) FailOfMany();
-    std::vector<PlacedMesh> placed;
-    for (size_t i = 0; i < copies.size(); ++i) {
-      for (const PlacedMesh& mesh : scene) {
-        placed.push_back({mesh.index, copies[i] * mesh.root_from_mesh,
-                          PartName(fmt::format("[{}]", i), mesh.name)});
-      }
-    }
-    return placed;
-  }
-
-  [[noreturn]] void FailOfMany() const {
-    throw InputError(path_, fmt::format("its nodes and instances place more than {} meshes, or {} "
-                                        "vertices and triangles",
-                                        kMaxPlacedMeshes, kMaxPlacedParts));
-  }
-
-  // A file without scenes shows each node that is no other's child.
-  void PlaceRoots(const Affine3d& root_from_scene, std::vector<PlacedMesh>& placed) {
-    std::vector<bool> is_child(is_placed_.size());
-    for (size_t i = 0; i < is_child.size(); ++i) {
-      const JsonPlace node = file_.Item("nodes", i);
-      IfThere(node, {"children"}, [&](const JsonPlace& children) {
-        for (size_t k = 0; k < children.ArraySize(); ++k) {
-          is_child[file_.Index("nodes", children.At(k))] = true;
-        }
-      });
-    }
-    for (size_t i = 0; i < is_child.size(); ++i) {
-      if (!is_child[i]) PlaceNode(i, {root_from_scene, ""}, 0, placed);
-    }
-  }
-
-  // The nodes above one.
-  struct Above {
-    Affine3d root_from_parent;
-    std::string name;  // PartName()
-  };
-
-  void PlaceNodes(const JsonPlace& parent, std::string_view member, const Above& above,
-                  size_t depth, std::vector<PlacedMesh>& placed) {
-    IfThere(parent, {member}, [&](const JsonPlace& nodes) {
-      if (depth > kMaxGltfNodeNesting) {
-        nodes.Fail(fmt::format("they are nested more than {} deep", kMaxGltfNodeNesting));
-      }
-      for (size_t i = 0; i < nodes.ArraySize(); ++i) {
-        const JsonPlace index = nodes.At(i);
-        const size_t node = file_.Index("nodes", index);
-        if (is_placed_[node]) index.Fail("a node is the child of two");
-        PlaceNode(node, above, depth, placed);
-      }
-    });
-  }
-
-  void PlaceNode(size_t index, const Above& above, size_t depth, std::vector<PlacedMesh>& placed) {
-    is_placed_[index] = true;
-    const JsonPlace node = file_.Item("nodes", index);
-    const Affine3d root_from_node = above.root_from_parent * PlaceOf(node);
-    const std::string name =
-        PartName(above.name,
-                 node.Has("name") ? node.Member("name").String() : fmt::format("nodes[{}]", index));
-    IfThere(node, {"mesh"}, [&](const JsonPlace& mesh) {
-      const size_t number = file_.Index("meshes", mesh);
-      const std::vector<Affine3d> instances = Instances(node);
-      for (size_t i = 0; i < instances.size(); ++i) {
-        if (placed.size() >= kMaxPlacedMeshes) FailOfMany();
-        placed.push_back({number, root_from_node * instances[i],
-                          instances.size() > 1 ? fmt::format("{}[{}]", name, i) : name});
-      }
-    });
-    PlaceNodes(node, "children", {root_from_node, name}, depth + 1, placed);
-  }
-
-  // Where the mesh of a node stands (EXT_mesh_gpu_instancing): once, if it does not say.
-  std::vector<Affine3d> Instances(const JsonPlace& node) {
-    std::vector<Affine3d> places = {Affine3d::Identity()};
-    IfThere(
-        node, {"extensions", "EXT_mesh_gpu_instancing", "attributes"},
-        [&](const JsonPlace& attributes) {
-          const VertexNumbers translations = Attribute(attributes, "TRANSLATION", 3);
-          const VertexNumbers rotations = Attribute(attributes, "ROTATION", 4);
-          const VertexNumbers scales = Attribute(attributes, "SCALE", 3);
-          const size_t count = std::max({translations.count(), rotations.count(), scales.count()});
-          for (const VertexNumbers* numbers : {&translations, &rotations, &scales}) {
-            if (numbers->count() != 0 && numbers->count() != count) {
-              attributes.Fail("expected as many of each");
-            }
-          }
-          places.clear();
-          for (size_t i = 0; i < count; ++i) {
-            places.push_back(PlaceOf(ItemOr<3>(translations, i, {0, 0, 0}),
-                                     ItemOr<4>(rotations, i, {0, 0, 0, 1}),
-                                     ItemOr<3>(scales, i, {1, 1, 1})));
-          }
-        });
-    return places;
-  }
-
-  template <int N>
-  static Eigen::Matrix<double, N, 1> ItemOr(const VertexNumbers& numbers, size_t index,
-                                            const Eigen::Matrix<double, N, 1>& missing) {
-    return numbers.count() == 0 ? missing : Item<N>(numbers, index);
-  }
-
-  // Returns no numbers where there is no such attribute.
-  VertexNumbers Attribute(const JsonPlace& attributes, std::string_view name, size_t components) {
-    if (!attributes.Has(name)) return {};
-    const JsonPlace index = attributes.Member(name);
-    return file_.ReadNumbers(index, components);
-  }
-
   std::vector<Primitive> ReadMesh(size_t index) {
     std::vector<Primitive> parts;
     const JsonPlace mesh = file_.Item("meshes", index);
@@ -413,7 +240,7 @@ class GltfReader {
     });
     for (const Wanted& want : wanted) {
       if (want.numbers->count() == 0) {
-        *want.numbers = Attribute(attributes, want.name, want.components);
+        *want.numbers = file_.ReadAttribute(attributes, want.name, want.components);
       }
     }
     if (!is_compressed) ReadCorners(place, mode, primitive);
@@ -477,9 +304,9 @@ class GltfReader {
     const size_t first = mesh_.positions.size();
     const size_t count = primitive.positions.count();
     num_parts_ += count + primitive.corners.size() / 3;
-    if (num_parts_ > kMaxPlacedParts) FailOfMany();
+    if (num_parts_ > kMaxPlacedParts) FailOfManyMeshes(path_);
     for (size_t i = 0; i < count; ++i) {
-      mesh_.positions.push_back(root_from_mesh * Item<3>(primitive.positions, i));
+      mesh_.positions.push_back(root_from_mesh * ItemOf<3>(primitive.positions, i));
     }
     AddUvs(primitive, first);
     AddColors(primitive, first);
@@ -508,7 +335,7 @@ class GltfReader {
                                           ? uv_uses_[primitive.material].uv_transform
                                           : Eigen::Affine2d::Identity();
     for (size_t i = 0; i < primitive.uvs.count(); ++i) {
-      const Eigen::Vector2d down = transform * Item<2>(primitive.uvs, i);
+      const Eigen::Vector2d down = transform * ItemOf<2>(primitive.uvs, i);
       mesh_.uvs.push_back(Eigen::Vector2d(down.x(), 1 - down.y()).cast<float>());
     }
   }
@@ -529,8 +356,7 @@ class GltfReader {
   RawMesh mesh_;
   std::vector<UvUse> uv_uses_;  // of each material
   std::map<size_t, int32_t> texture_of_image_;
-  std::vector<bool> is_placed_;  // each node
-  size_t num_parts_ = 0;         // vertices and triangles that were placed
+  size_t num_parts_ = 0;  // vertices and triangles that were placed
 };
 
 }  // namespace

@@ -2,6 +2,7 @@
 
 import json
 import os
+import pickle
 import struct
 import subprocess
 
@@ -67,6 +68,15 @@ def wall_and_door(unnamed):
     front = (abs(X) < 0.2) & (abs(Y) < 0.2)
     behind = np.where(abs(X) < 0.8, np.where(X < 0, 0, 1), NONE)
     return np.where(front, unnamed, np.where(abs(Y) < 0.8, behind, NONE))
+
+
+def test_a_pickled_mesh_keeps_its_ids(obj):
+    mesh = raylift.Mesh.read(obj)
+    again = pickle.loads(pickle.dumps(mesh))
+    pose = (CAMERA, raylift.Rigid3())
+    for product in "instance", "semantic":
+        maps = [raylift.RayCaster(one).render(*pose, products=[product])[product] for one in (mesh, again)]
+        assert (maps[0] != NONE).any() and (maps[0] == maps[1]).all()
 
 
 def test_groups_and_materials_of_obj(tmp_path, obj):
