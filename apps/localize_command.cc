@@ -149,6 +149,7 @@ class LocalizeRun {
               const std::string& options_json)
       : flags_(flags), options_(std::move(options)), options_json_(options_json) {
     RefuseFormerResults(flags);
+    RemoveOtherMode(flags);
     UntilSignal([this] {
       LocalizeInputs inputs = OpenLocalizeInputs(flags_);
       scene_ = std::move(inputs.scene);

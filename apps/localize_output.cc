@@ -28,28 +28,31 @@ path FileOfQuery(const path& folder, const std::string& query, const char* exten
   return PathBelow(folder, query) += extension;
 }
 
-void RefuseOtherMode(const LocalizeFlags& flags) {
-  const path checkpoint = flags.out / "continuous";
-  const std::vector<path> manifests = ListManifests(flags.out);
-  const bool continuous = flags.continuous.enabled;
+path CheckpointOf(const LocalizeFlags& flags) { return flags.out / "continuous"; }
+
+// Returns whether the folder holds a run with --continuous where none is asked for, or the reverse.
+bool HoldsOtherMode(const LocalizeFlags& flags) {
   std::error_code ignored;
-  const bool other_is_there =
-      continuous ? !manifests.empty() : std::filesystem::exists(checkpoint, ignored);
-  if (!other_is_there) return;
-  if (!flags.running.overwrite) {
-    throw OptionError("--out", flags.out.string(),
-                      fmt::format("holds a former run {} --continuous; --overwrite removes it",
-                                  continuous ? "without" : "with"));
-  }
-  std::filesystem::remove_all(checkpoint, ignored);
-  for (const path& manifest : manifests) std::filesystem::remove(manifest, ignored);
+  return flags.continuous.enabled ? !ListManifests(flags.out).empty()
+                                  : std::filesystem::exists(CheckpointOf(flags), ignored);
 }
 
 }  // namespace
 
 void RefuseFormerResults(const LocalizeFlags& flags) {
-  RefuseOtherMode(flags);
+  if (!flags.running.overwrite && HoldsOtherMode(flags)) {
+    throw OptionError("--out", flags.out.string(),
+                      fmt::format("holds a former run {} --continuous; --overwrite removes it",
+                                  flags.continuous.enabled ? "without" : "with"));
+  }
   RefuseFormerRun(flags.running.In(flags.out), QueryJobForm());
+}
+
+void RemoveOtherMode(const LocalizeFlags& flags) {
+  if (!HoldsOtherMode(flags)) return;
+  std::error_code ignored;
+  std::filesystem::remove_all(CheckpointOf(flags), ignored);
+  for (const path& manifest : ListManifests(flags.out)) std::filesystem::remove(manifest, ignored);
 }
 
 LocalizeOutput::LocalizeOutput(const LocalizeFlags& flags, size_t num_queries,

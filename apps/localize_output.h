@@ -38,8 +38,9 @@ class LapClock {
 };
 
 // Throws OptionError where the folder holds a former run and no option says what is to become of it.
-// Of runs with --continuous and those without it, --overwrite removes the other at once.
 void RefuseFormerResults(const LocalizeFlags& flags);
+// Of runs with --continuous and those without it, removes the other, as --overwrite asks for.
+void RemoveOtherMode(const LocalizeFlags& flags);
 
 class LocalizeOutput {
  public:

@@ -61,11 +61,16 @@ std::string LineOf(std::string answer, const Query& query) {
   return answer;
 }
 
-// What a run of this machine leaves in its folder, too.
-void RemoveFormerResults(const std::filesystem::path& out) {
+// With what a run of this machine leaves in its folder. But for the calibration: it holds as well
+// as before, and the server may read it.
+void RemoveFormerResults(const LocalizeFlags& localize) {
+  const std::filesystem::path& out = localize.out;
+  const bool is_of_run = !ListManifests(out).empty();
+  RemoveOtherMode(localize);
   RemoveFormerRun(out, QueryJobForm());
+  if (!is_of_run) return;
   std::error_code ignored;
-  for (const char* name : {"options.json", "scene_calibration.json", "timing.jsonl"}) {
+  for (const char* name : {"options.json", "timing.jsonl", "depth_alignment.jsonl"}) {
     std::filesystem::remove(out / name, ignored);
   }
 }
@@ -122,7 +127,7 @@ void LocalizeRemotely(const RemoteFlags& flags, const LocalizeFlags& localize) {
       &BeginsAnew);
   std::filesystem::create_directories(localize.out);
   const FolderLock lock(localize.out, FolderLock::Mode::kExclusive);
-  RemoveFormerResults(localize.out);
+  if (localize.running.overwrite) RemoveFormerResults(localize);
   WriteQueryDiagnostics(localize.out / "queries.jsonl", lines);
   const std::vector<LocalizedQuery> localized =
       ReadQueryDiagnostics(localize.out / "queries.jsonl");

@@ -110,8 +110,26 @@ def test_a_former_run_is_kept_unless_it_is_to_be_overwritten(run, server, tmp_pa
     (out / "continuous").mkdir()  # of a run with --continuous
     list_of_one = tmp_path / "queries.txt"
     list_of_one.write_text((DEMO / "queries.txt").read_text().splitlines()[0] + "\n")
-    done = localize(out, "--server", server.url, "--token-file", token, "--overwrite", "--queries", list_of_one)
+    before = sorted(path.name for path in out.iterdir())
+    options = ["--token-file", token, "--overwrite", "--queries", list_of_one]
+    assert localize(out, "--server", "http://127.0.0.1:1", *options).returncode == 3
+    assert sorted(path.name for path in out.iterdir()) == before  # there is nothing to take its place
+    done = localize(out, "--server", server.url, *options)
     assert done.returncode == 0, done.stderr
-    # The cache is none of the results, and the page is another folder's.
-    assert sorted(path.name for path in out.iterdir()) == ["cache", "poses.txt", "queries.jsonl"]
+    # The cache is none of the results, and a server may read the calibration.
+    assert sorted(path.name for path in out.iterdir()) == ["cache", "poses.txt", "queries.jsonl",
+                                                           "scene_calibration.json"]
     assert (out / "queries.jsonl").read_text() == (run / "queries.jsonl").read_text().splitlines(True)[0]
+
+
+def test_files_that_are_of_no_run_are_kept(server, tmp_path):
+    token, out = tmp_path / "token", tmp_path / "out"
+    token.write_text("secret")
+    out.mkdir()
+    others = ("scene_calibration.json", "options.json", "timing.jsonl")
+    for name in others:
+        (out / name).write_text(name)
+    for options in ([], ["--overwrite"]):
+        done = localize(out, "--server", server.url, "--token-file", token, *options)
+        assert done.returncode == 0, done.stderr
+        assert all((out / name).read_text() == name for name in others)
