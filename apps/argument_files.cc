@@ -96,7 +96,8 @@ bool Fits(const SceneFile& scene, const CLI::App& command, std::string_view opti
                           option == "--ground-truth" || option == "--priors";
   if (of_queries && IsGiven(command, "--leave-one-out")) return false;
   if (name == "render" && option == "--model") return !IsGiven(command, "--cameras");
-  if (name == "localize" && option == "--ground-truth") return IsGiven(command, "--report");
+  const bool localizes = name == "localize" || name == "prepare" || name == "calibrate";
+  if (localizes && option == "--ground-truth") return IsGiven(command, "--report");
   // They are for the localization with every source, which needs matches.
   const bool of_matches = option == "--queries" || option == "--ground-truth";
   return !(name == "compare" && of_matches) || IsGiven(command, "--features");

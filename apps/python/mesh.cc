@@ -79,7 +79,7 @@ void ForEachList(Mesh& mesh, const Function& function) {
   function(mesh.triangle_labels);
 }
 
-using LabelState = std::tuple<uint32_t, std::string, std::string, uint32_t, std::string>;
+using LabelState = std::tuple<uint32_t, py::bytes, py::bytes, uint32_t, py::bytes>;
 
 // The origin, the textures, the warnings, the lists of numbers, the labels and how many instances
 // there are.
@@ -118,7 +118,8 @@ std::shared_ptr<TriangleMesh> MeshOf(const py::tuple& state) {
   ForEachList(*mesh, [&](auto& list) { FromBytes(lists[next++], list); });
   for (const auto& [instance, name, material, semantic, semantic_name] :
        state[4].cast<std::vector<LabelState>>()) {
-    mesh->labels.push_back({instance, name, material, semantic, semantic_name});
+    mesh->labels.push_back(
+        {instance, std::string(name), std::string(material), semantic, std::string(semantic_name)});
   }
   mesh->num_instances = state[5].cast<uint32_t>();
   return mesh;

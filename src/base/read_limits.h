@@ -39,7 +39,7 @@ inline constexpr int kMaxNodeNesting = 1000;
 
 /// Meshes that the nodes and instances of a glTF file place, and their vertices and triangles.
 inline constexpr size_t kMaxPlacedMeshes = size_t{1} << 22;
-inline constexpr size_t kMaxPlacedParts = size_t{1} << 29;
+inline constexpr size_t kMaxPlacedParts = size_t{1} << 28;
 
 /// Tiles of a tileset, in each other, and those that name one file; levels of implicit trees.
 inline constexpr int kMaxTiles = 1 << 20;

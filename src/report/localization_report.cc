@@ -316,6 +316,7 @@ std::string LocalizationReport::Format(std::string_view title,
   std::map<std::string, size_t> count_of;
   std::vector<QueryError> errors;
   std::set<std::string> shown_references;
+  std::vector<std::string> without_truth;
   for (size_t i = 0; i < impl_->options.num_queries; ++i) {
     const path file = impl_->options.folder / PartOfPage(i, "json");
     try {
@@ -333,6 +334,8 @@ std::string LocalizationReport::Format(std::string_view title,
       if (const auto found = truth.find(query.at("query").get<std::string>());
           found != truth.end()) {
         TakeTruth(found->second, part.at("scene"), query, scene, errors);
+      } else if (!truth.empty()) {
+        without_truth.push_back(query.at("query").get<std::string>());
       }
       if (query.contains("reference")) {  // not where it is beside the page
         shown_references.insert(query["reference"].at("name").get<std::string>());
@@ -351,6 +354,11 @@ std::string LocalizationReport::Format(std::string_view title,
                   queries.size() - count_of["failed"], queries.size(), count_of["doubtful"],
                   references.size(), MedianErrors(std::move(errors)));
   data["warnings"] = warnings;
+  if (!without_truth.empty()) {
+    data["warnings"].push_back(
+        fmt::format("no ground truth has the names of {} of {} queries, such as {}",
+                    without_truth.size(), queries.size(), without_truth.front()));
+  }
   data["rows"] = {{{"name", "this run"}, {"recalls", Json::array()}, {"queries", queries}}};
   data["scene"] = scene.Build();
   if (walk) data["walk"] = WalkJson(walk->walked);

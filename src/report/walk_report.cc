@@ -28,7 +28,7 @@ void TakePictures(const WalkedQuery& walked, const Query& query, const RayCaster
                   Json& json) {
   if (walked.role == WalkRole::kAlone || walked.role == WalkRole::kSmoothed) return;
   ForgetInliers(json);
-  for (const char* key : {"solver", "rendering", "edges"}) json.erase(key);
+  for (const char* key : {"solver", "rendering", "edges", "references"}) json.erase(key);
   if (mesh == nullptr || !walked.localized.localized()) return;
   json.update(SeenFromPose(query.camera, *walked.localized.estimate.cam_from_world, *mesh));
 }

@@ -121,7 +121,7 @@ std::optional<BetterReading> FindBetterReading(std::span<const WalkEvidence> fra
     }
   }
   // What is closer to one than to the other by half speaks for it.
-  if (least > kMostDeg || least > 0.5 * as_read) return std::nullopt;
+  if (least > kMostDeg || least >= 0.5 * as_read) return std::nullopt;
   BetterReading better{std::nullopt, least, as_read};
   if (least <= 0.5 * second) better.reading = best;
   return better;

@@ -252,6 +252,9 @@ const GltfFile::View& GltfFile::ViewAt(const JsonPlace& index) {
                            CountOf(compressed, "byteStride", 0)};
     const std::string_view bytes = PartOfBuffer(compressed);
     try {
+      // Views of the same bytes are decompressed each.
+      num_decompressed_ += bytes.size();
+      if (num_decompressed_ > NumBytes()) throw InputError("others have the same bytes");
       view.bytes = decoded_.emplace_back(DecodeMeshopt(bytes, kind));
     } catch (const InputError& error) {
       compressed.Fail(error.what());
@@ -259,6 +262,12 @@ const GltfFile::View& GltfFile::ViewAt(const JsonPlace& index) {
   });
   if (!is_compressed) view.bytes = PartOfBuffer(place);
   return view;
+}
+
+uint64_t GltfFile::NumBytes() const {
+  uint64_t sum = size_bytes_;
+  for (const auto& [index, bytes] : buffers_) sum += bytes.size();
+  return sum;
 }
 
 std::string_view GltfFile::BytesOfView(const JsonPlace& index) { return ViewAt(index).bytes; }
@@ -296,11 +305,9 @@ GltfFile::Items GltfFile::ItemsOf(const JsonPlace& accessor, size_t components) 
   }
   if (accessor.Has("bufferView")) return AtPlace(accessor, items);
   // All zero: no more than the files have bytes.
-  uint64_t room = size_bytes_;
   IfThere(accessor, {"sparse", "values", "bufferView"},
           [&](const JsonPlace& view) { ViewAt(view); });
-  for (const auto& [buffer, bytes] : buffers_) room += bytes.size();
-  RequireRoom(accessor, items.count * items.NumBytes(), room);
+  RequireRoom(accessor, items.count * items.NumBytes(), NumBytes());
   return items;
 }
 

@@ -90,6 +90,7 @@ class GltfFile {
   const View& ViewAt(const JsonPlace& index);
   std::string_view PartOfBuffer(const JsonPlace& place);
   std::string_view Buffer(size_t index);
+  uint64_t NumBytes() const;  // of the file and the buffers that were read
   std::string_view ReadBuffer(size_t index);
   Items AtPlace(const JsonPlace& place, Items items);
   Items ItemsOf(const JsonPlace& accessor, size_t components);
@@ -107,6 +108,7 @@ class GltfFile {
   std::map<size_t, std::string_view> buffers_;
   std::map<size_t, View> views_;
   std::deque<std::string> decoded_;  // what buffers and views point into
+  uint64_t num_decompressed_ = 0;    // bytes that views decompressed
   std::deque<MappedFile> files_;
 };
 

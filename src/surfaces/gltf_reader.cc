@@ -247,6 +247,8 @@ class GltfReader {
     // As the specification has it, there is nothing to show of what has no positions.
     if (primitive.positions.count() == 0) return Primitive();
     const size_t count = primitive.positions.count();
+    num_read_ += count + primitive.corners.size() / 3;
+    if (num_read_ > kMaxPlacedParts) FailOfManyMeshes(path_);
     for (const VertexNumbers* numbers : {&primitive.uvs, &primitive.colors}) {
       if (numbers->count() != 0 && numbers->count() != count) {
         place.Fail(fmt::format("expected {} of each attribute", count));
@@ -303,8 +305,8 @@ class GltfReader {
   void Add(const Primitive& primitive, const Affine3d& root_from_mesh) {
     const size_t first = mesh_.positions.size();
     const size_t count = primitive.positions.count();
-    num_parts_ += count + primitive.corners.size() / 3;
-    if (num_parts_ > kMaxPlacedParts) FailOfManyMeshes(path_);
+    num_placed_ += count + primitive.corners.size() / 3;
+    if (num_placed_ > kMaxPlacedParts) FailOfManyMeshes(path_);
     for (size_t i = 0; i < count; ++i) {
       mesh_.positions.push_back(root_from_mesh * ItemOf<3>(primitive.positions, i));
     }
@@ -356,7 +358,7 @@ class GltfReader {
   RawMesh mesh_;
   std::vector<UvUse> uv_uses_;  // of each material
   std::map<size_t, int32_t> texture_of_image_;
-  size_t num_parts_ = 0;  // vertices and triangles that were placed
+  size_t num_read_ = 0, num_placed_ = 0;  // vertices and triangles
 };
 
 }  // namespace

@@ -120,7 +120,6 @@ void RequireMeters(const path& file, const GeoTiffTags& tags) {
 
 struct OpenedTiff {
   path file;
-  std::string bytes;
   TiffHeader header;
   Affine2d world_from_image;
   // Of the mosaic that it is a part of: the column and row of its first pixel.
@@ -128,9 +127,9 @@ struct OpenedTiff {
 };
 
 OpenedTiff OpenTiff(const path& file) {
-  OpenedTiff tiff{.file = file, .bytes = ReadFile(file), .header = {}, .world_from_image = {}};
+  OpenedTiff tiff{.file = file, .header = {}, .world_from_image = {}};
   try {
-    tiff.header = ReadTiffHeader(tiff.bytes);
+    tiff.header = ReadTiffHeader(MappedFile(file).contents());
   } catch (const std::runtime_error& error) {
     throw InputError(file, error.what());
   }
@@ -152,6 +151,16 @@ struct Mosaic {
   std::vector<OpenedTiff> parts;  // in the order of their names
   size_t width = 0, height = 0;
   Affine2d world_from_image;
+
+  // Returns whether a place in its pixels lies in one of the parts.
+  bool Covers(const Eigen::Array2d& pixel) const {
+    return std::any_of(parts.begin(), parts.end(), [&](const OpenedTiff& part) {
+      const Eigen::Array2d in_part =
+          pixel - Eigen::Array2d(static_cast<double>(part.column), static_cast<double>(part.row));
+      const Eigen::Array2d size(part.header.size.width_px, part.header.size.height_px);
+      return (in_part >= 0).all() && (in_part <= size).all();
+    });
+  }
 
   // Copies what the parts have to where it lies: `numbers` of each pixel. Where several have one,
   // the first is taken for which `is_there`.
@@ -177,14 +186,18 @@ struct Mosaic {
 // `most`: pixels of the whole.
 Mosaic OpenMosaic(const std::string& names, std::string_view kind, uint64_t most) {
   constexpr double kMostOffGrid = 0.01;  // of a pixel
+  constexpr double kMostEmpty = 16;      // times the pixels that there are
   constexpr auto kTiff = std::to_array<std::string_view>({".tif", ".tiff"});
   Mosaic mosaic;
   for (const path& file : ListFiles(names, kTiff, kind)) mosaic.parts.push_back(OpenTiff(file));
   const OpenedTiff& first = mosaic.parts.front();
+  const OpenedTiff* with_system = &first;
+  double num_pixels = 0;
   Eigen::AlignedBox2d box;
   std::vector<Vector2d> corners;
   for (const OpenedTiff& part : mosaic.parts) {
-    RequireSameSystem(first, part);
+    RequireSameSystem(*with_system, part);
+    if (!KeyOf(with_system->header.place, kProjectedSystem)) with_system = &part;
     const Affine2d in_first = first.world_from_image.inverse() * part.world_from_image;
     const Vector2d size(part.header.size.width_px, part.header.size.height_px);
     const Vector2d corner = in_first.translation().array().round();
@@ -196,6 +209,7 @@ Mosaic OpenMosaic(const std::string& names, std::string_view kind, uint64_t most
                                               first.file.string()));
     }
     corners.push_back(corner);
+    num_pixels += size.prod();
     box.extend(corner).extend(corner + size);
   }
   if (!(box.sizes().prod() <= static_cast<double>(most))) {
@@ -203,6 +217,12 @@ Mosaic OpenMosaic(const std::string& names, std::string_view kind, uint64_t most
                                              "{:.0f} x {:.0f}; `gdal_translate -srcwin` cuts out a "
                                              "part",
                                              most, box.sizes().x(), box.sizes().y()));
+  }
+  if (box.sizes().prod() > kMostEmpty * num_pixels) {
+    throw InputError(first.file,
+                     fmt::format("the files lie too far apart: together they span {:.0f} x {:.0f} "
+                                 "pixels and have {:.0f}",
+                                 box.sizes().x(), box.sizes().y(), num_pixels));
   }
   for (size_t i = 0; i < corners.size(); ++i) {
     mosaic.parts[i].column = static_cast<size_t>(corners[i].x() - box.min().x());
@@ -224,12 +244,13 @@ std::vector<float> ReadHeights(const OpenedTiff& tiff, std::vector<std::string>&
                      "64 bits float");
   }
   const uint64_t count = static_cast<uint64_t>(width) * static_cast<uint64_t>(height);
-  if (count > kMaxDeflateRatio * tiff.bytes.size()) {
+  const MappedFile mapped(file);
+  if (count > kMaxDeflateRatio * mapped.contents().size()) {
     throw InputError(file, fmt::format("the file is too short for {} x {} heights", width, height));
   }
   std::vector<float> heights;
   try {
-    heights = DecodeTiffPlane(tiff.bytes, tiff.header.size, *tiff.header.sample);
+    heights = DecodeTiffPlane(mapped.contents(), tiff.header.size, *tiff.header.sample);
   } catch (const std::runtime_error& error) {
     throw InputError(file, error.what());
   }
@@ -316,7 +337,7 @@ class GridMesh {
 
 std::vector<uint8_t> ReadColors(const OpenedTiff& tiff) {
   try {
-    return DecodePicture(tiff.bytes, ImageChannels::kRgb).data;
+    return DecodePicture(MappedFile(tiff.file).contents(), ImageChannels::kRgb).data;
   } catch (const InputError& error) {
     throw InputError(tiff.file, error.what());
   }
@@ -329,16 +350,17 @@ void AddOrthophoto(const Mosaic& ortho, RawMesh& mesh) {
   mesh.materials.push_back({.texture = 0, .color_rgb = std::nullopt});
   const Affine2d image_from_world = ortho.world_from_image.inverse();
   const Eigen::Array2d size(static_cast<double>(ortho.width), static_cast<double>(ortho.height));
+  std::vector<bool> is_covered;
   for (const Vector3d& position : mesh.positions) {
-    const Eigen::Array2d uv = (image_from_world * position.head<2>()).array() / size;
+    const Eigen::Array2d pixel = image_from_world * position.head<2>();
+    const Eigen::Array2d uv = pixel / size;
     mesh.uvs.emplace_back(Vector2d(uv.x(), 1 - uv.y()).cast<float>());
+    is_covered.push_back(ortho.Covers(pixel));
   }
   size_t shown = 0;
   for (const auto& triangle : mesh.triangles) {
-    const bool is_shown = std::all_of(triangle.begin(), triangle.end(), [&](uint32_t vertex) {
-      const Eigen::Array2f uv = mesh.uvs[vertex].array();
-      return (uv >= 0).all() && (uv <= 1).all();
-    });
+    const bool is_shown = std::all_of(triangle.begin(), triangle.end(),
+                                      [&](uint32_t vertex) { return is_covered[vertex]; });
     shown += is_shown ? 1 : 0;
     mesh.triangle_materials.push_back(is_shown ? 0 : RawMesh::kNone);
   }
@@ -358,7 +380,7 @@ TriangleMesh ReadHeightField(const std::string& files,
   const std::vector<float> heights = model.Put<float>(
       1, std::numeric_limits<float>::quiet_NaN(),
       [&](const OpenedTiff& part) { return ReadHeights(part, mesh.warnings); },
-      [](float height) { return !std::isnan(height); });
+      [](float height) { return std::isfinite(height); });
   GridMesh(heights, model.width, model.world_from_image, mesh).AddTriangles();
   if (mesh.triangles.empty()) throw InputError(file, "has no neighboring heights");
   if (orthophotos) {

@@ -130,8 +130,8 @@ void Append(TriangleMesh mesh, const Attributes& attributes, TriangleMesh& targe
     AppendAttribute(mesh.triangle_textures, mesh.triangles.size(), -1, target.triangle_textures);
     std::move(mesh.textures.begin(), mesh.textures.end(), std::back_inserter(target.textures));
   }
-  if (attributes.labels) AppendLabels(std::move(mesh), target);
   target.warnings.insert(target.warnings.end(), mesh.warnings.begin(), mesh.warnings.end());
+  if (attributes.labels) AppendLabels(std::move(mesh), target);
 }
 
 static_assert(std::endian::native == std::endian::little);

@@ -50,14 +50,21 @@ class ObjParser {
     } else if (tokens[0] == "f") {
       ParseFace(tokens);
     } else if (tokens[0] == "usemtl") {
-      const auto material = material_by_name_.find(Rest(line, tokens[0]));
-      material_ = material == material_by_name_.end() ? RawMesh::kNone : material->second;
+      material_ = MaterialOf(std::string(Rest(line, tokens[0])));
     } else if (tokens[0] == "o" || tokens[0] == "g") {
       (tokens[0] == "o" ? object_ : group_) = Rest(line, tokens[0]);
       part_ = PartOf(object_, group_);
     } else if (tokens[0] == "mtllib") {
       ReadMaterials(std::string(Rest(line, tokens[0])));
     }
+  }
+
+  // A material that no file tells of still has a name.
+  uint32_t MaterialOf(std::string name) {
+    const auto next = static_cast<uint32_t>(mesh_.materials.size());
+    const auto [entry, is_new] = material_by_name_.try_emplace(name, next);
+    if (is_new) mesh_.materials.push_back({.name = std::move(name)});
+    return entry->second;
   }
 
   // Returns the part that faces of this object and group are; a name that comes again is the same.
@@ -134,6 +141,8 @@ class ObjParser {
     }
     const size_t added = AddFace(num_faces_ - 1, corners_, corner_uvs_, mesh_);
     mesh_.triangle_materials.insert(mesh_.triangle_materials.end(), added, material_);
+    if (mesh_.parts.empty()) return;  // the first named part is still to come
+    mesh_.triangle_parts.resize(mesh_.triangles.size() - added, RawMesh::kNone);
     mesh_.triangle_parts.insert(mesh_.triangle_parts.end(), added, part_);
   }
 

@@ -314,7 +314,11 @@ std::string PartName(std::string_view above, std::string_view name) {
   std::string whole(above);
   if (!above.empty() && !name.empty()) whole += '/';
   whole += name;
-  return whole.size() > kMaxLength ? whole.substr(whole.size() - kMaxLength) : whole;
+  if (whole.size() <= kMaxLength) return whole;
+  size_t begin = whole.size() - kMaxLength;
+  while (begin < whole.size() && (whole[begin] & 0xC0) == 0x80)
+    ++begin;  // within a letter of UTF-8
+  return whole.substr(begin);
 }
 
 void NumberMaterials(TriangleMesh& mesh) {

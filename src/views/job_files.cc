@@ -44,6 +44,19 @@ Json ColorJson(const ColorOptions& options) {
           {"untextured_rgb", options.untextured_rgb}};
 }
 
+// Hashes which triangle is called what, and by which ids.
+uint64_t LabelHash(const TriangleMesh& mesh) {
+  std::string names;
+  for (const SurfaceLabel& label : mesh.labels) {
+    names += fmt::format("{} {}\n{} {}\n", label.instance, label.instance_name, label.semantic,
+                         label.semantic_name);
+  }
+  const auto& labels = mesh.triangle_labels;
+  const std::string_view bytes(reinterpret_cast<const char*>(labels.data()),
+                               labels.size() * sizeof(labels[0]));
+  return HashBytes64(bytes, HashBytes64(names));
+}
+
 Json ProductJson(const ProductOutput& output, const RenderJobOptions& options) {
   const DepthWriteOptions& floats = options.storage.floats;
   Json json = {{"format", output.format}};
@@ -56,8 +69,8 @@ Json ProductJson(const ProductOutput& output, const RenderJobOptions& options) {
   if (is_float && !IsId(output.product)) {
     json["sample"] = floats.sample == FloatSample::kFloat16 ? "half" : "float";
   }
-  if (is_float && !IsId(output.product) && output.format == "png") {
-    json["step"] = floats.png_step;
+  if (is_float && output.format == "png") {
+    if (!IsId(output.product)) json["step"] = floats.png_step;
     json["png_compression"] = floats.png_compression;
   }
   if (is_float) {
@@ -148,14 +161,11 @@ std::string JobHeader(const RayCaster& scene, const RenderJobOptions& options) {
     products[std::string(ToString(output.product))] = ProductJson(output, options);
   }
   json["products"] = std::move(products);
-  for (const ProductOutput& output : options.products) {
-    if (const auto names = NamesOfIds(output.product, scene.mesh())) {
-      const auto& labels = scene.mesh().triangle_labels;
-      const std::string_view bytes(reinterpret_cast<const char*>(labels.data()),
-                                   labels.size() * sizeof(labels[0]));
-      json["labels"] = HexText(HashBytes64(bytes, HashBytes64(json.value("labels", "") + *names)));
-    }
-  }
+  const bool any_labels = std::any_of(
+      options.products.begin(), options.products.end(), [](const ProductOutput& output) {
+        return output.product == Product::kInstance || output.product == Product::kSemantic;
+      });
+  if (any_labels) json["labels"] = HexText(LabelHash(scene.mesh()));
   return json.dump();
 }
 
