@@ -1,9 +1,12 @@
 #include <algorithm>
 #include <memory>
+#include <span>
 #include <utility>
+#include <vector>
 
 #include "base/statistics.h"
 
+#include "raylift/base/error.h"
 #include "raylift/base/parallel.h"
 #include "raylift/sequences/smooth_queries.h"
 
@@ -27,6 +30,19 @@ std::vector<Vector2d> GridOf(const Camera& camera) {
   return pixels;
 }
 
+// None where its geometry cannot be read: localization tells that where it needs it.
+std::vector<Vector3d> PointsIn(const GeometrySource& source, const PosedImage& reference,
+                               std::span<const Vector2d> pixels) {
+  std::vector<Vector3d> points;
+  try {
+    for (const auto& point : source.Lift(reference, pixels)) {
+      if (point) points.push_back(point->point_in_world);
+    }
+  } catch (const InputError&) {
+  }
+  return points;
+}
+
 }  // namespace
 
 SceneDistances::SceneDistances(const Scene& scene, int threads)
@@ -37,9 +53,7 @@ SceneDistances::SceneDistances(const Scene& scene, int threads)
     seen_[i].center = reference.cam_from_world.OriginInSource();
     const std::vector<Vector2d> pixels = GridOf(reference.camera);
     for (const auto& source : sources) {
-      for (const auto& point : source->Lift(reference, pixels)) {
-        if (point) seen_[i].points.push_back(point->point_in_world);
-      }
+      seen_[i].points = PointsIn(*source, reference, pixels);
       if (!seen_[i].points.empty()) break;
     }
   });

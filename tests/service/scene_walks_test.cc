@@ -6,6 +6,8 @@
 
 #include <gtest/gtest.h>
 
+#include "raylift/base/error.h"
+
 namespace raylift {
 namespace {
 
@@ -25,6 +27,23 @@ class CountingWall final : public GeometrySource {
   }
   mutable std::atomic<int> calls = 0;
 };
+
+class UnreadableMap final : public GeometrySource {
+ public:
+  std::string Description() const override { return "map"; }
+  std::vector<std::optional<SurfacePoint>> Lift(const PosedImage&,
+                                                std::span<const Eigen::Vector2d>) const override {
+    throw InputError("map.png: is truncated");
+  }
+};
+
+TEST(SceneWalks, AMapThatCannotBeReadIsNoReasonToOpenNothing) {
+  Scene scene;
+  const Camera camera(CameraModel::kPinhole, 64, 48, std::vector{50., 50., 32., 24.});
+  scene.references.images = {{"r", camera, Rigid3()}};
+  scene.AddGeometry(std::make_shared<UnreadableMap>());
+  EXPECT_EQ(SceneDistances(scene, 1).At(camera, Rigid3()), std::nullopt);
+}
 
 TEST(SceneWalks, NoPhotographWaitsForTheScenesDistances) {
   const auto wall = std::make_shared<CountingWall>();
