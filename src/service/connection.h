@@ -139,10 +139,10 @@ class Connection : public std::enable_shared_from_this<Connection> {
     using Result = decltype(work(*this));
     auto job = std::make_shared<Job<Result>>(Job<Result>{.self = shared_from_this()});
     return [job = std::move(job), work, then] {
-      bool tells_time = false;
+      auto tells = WorkQueue::Tells::kNothing;
       try {
         job->result = work(*job->self);
-        tells_time = IsOfPhotograph(*job->result);
+        tells = WhatTells(*job->result);
       } catch (const std::exception&) {
         job->failure = std::current_exception();
       }
@@ -156,12 +156,14 @@ class Connection : public std::enable_shared_from_this<Connection> {
           throw;
         }
       });
-      return tells_time;
+      return tells;
     };
   }
-  static bool IsOfPhotograph(const HttpAnswer& answer) { return answer.is_of_photograph; }
-  static bool IsOfPhotograph(const Service::BatchLine& line) { return line.is_of_photograph; }
-  static bool IsOfPhotograph(const Service::BegunBatch&) { return false; }
+  static WorkQueue::Tells WhatTells(const HttpAnswer& answer) { return answer.tells; }
+  static WorkQueue::Tells WhatTells(const Service::BatchLine& line) { return line.tells; }
+  static WorkQueue::Tells WhatTells(const Service::BegunBatch&) {
+    return WorkQueue::Tells::kNothing;
+  }
 
   // There may be no memory for a while.
   template <typename Handler>

@@ -324,10 +324,11 @@ HttpAnswer Service::ListScenes() const {
   return {.body = JsonText(nlohmann::ordered_json{{"scenes", list}})};
 }
 
-LocalizedQuery Service::Run(const Opened& opened, LocalizeRequest request,
-                            const AnswerWatch& watch) {
+LocalizedQuery Service::Run(const Opened& opened, LocalizeRequest request, const AnswerWatch& watch,
+                            WorkQueue::Tells& tells) {
   const Localizer& localizer = *opened.scene.localizer;
   watch.Check();
+  tells = WorkQueue::Tells::kLeastTime;
   QueryResult result = std::visit(
       [&](auto& evidence) { return localizer.Match(request.query, std::move(evidence)); },
       request.evidence);
@@ -337,6 +338,7 @@ LocalizedQuery Service::Run(const Opened& opened, LocalizeRequest request,
   localizer.Filter(result);
   watch.Check();
   localizer.Estimate(result);
+  tells = WorkQueue::Tells::kTime;
   const StageTimes& times = result.localized.times;
   constexpr double kMsPerS = 1000;
   for (const auto& [name, milliseconds] : kStages) {
@@ -349,7 +351,8 @@ LocalizedQuery Service::Run(const Opened& opened, LocalizeRequest request,
   return std::move(result.localized);
 }
 
-HttpAnswer Service::AnswerLocalize(const HttpRequest& request, const AnswerWatch& watch) {
+HttpAnswer Service::AnswerLocalize(const HttpRequest& request, const AnswerWatch& watch,
+                                   WorkQueue::Tells& tells) {
   const auto opened = SceneOf(request);
   LocalizeRequest read = ReadTimed(metrics_, [&] {
     return ReadLocalizeRequest(request.content_type, request.body, opened->references,
@@ -358,8 +361,8 @@ HttpAnswer Service::AnswerLocalize(const HttpRequest& request, const AnswerWatch
   const std::optional<WalkStep> step = std::move(read.session);
   ServedWalk walk = step ? opened->walks.Before(*step) : ServedWalk{};
   const Query query = read.query;
-  HttpAnswer answer{.is_of_photograph = std::holds_alternative<Image>(read.evidence)};
-  const LocalizedQuery localized = Run(*opened, std::move(read), watch);
+  const LocalizedQuery localized = Run(*opened, std::move(read), watch, tells);
+  HttpAnswer answer;
   if (step) {
     const SceneWalks::Walked walked = opened->walks.GoOn(
         std::move(walk), {query, localized, step->cam_from_odometry, step->time_s});
@@ -404,37 +407,40 @@ HttpAnswer Service::AnswerView(const HttpRequest& request, const AnswerWatch& wa
   }
 }
 
-HttpAnswer Service::AnswerGeoPose(const HttpRequest& request, const AnswerWatch& watch) {
+HttpAnswer Service::AnswerGeoPose(const HttpRequest& request, const AnswerWatch& watch,
+                                  WorkQueue::Tells& tells) {
   const auto placed = PlacedScenesOf(request);
   GeoPoseRequest read =
       ReadTimed(metrics_, [&] { return ReadGeoPoseRequest(request.body, options_.limits.pixels); });
   const Opened& opened = NearestOf(placed, read.near);
   if (read.near) read.photograph.query.priors.position = opened.place->PriorOf(*read.near);
-  const LocalizedQuery localized = Run(opened, std::move(read.photograph), watch);
+  const LocalizedQuery localized = Run(opened, std::move(read.photograph), watch, tells);
   if (!localized.localized()) {
     throw Problem(422, "the photograph was not localized: " + localized.reason);
   }
   const auto camera = opened.place->CameraOf(localized.estimate);
   if (!camera) throw Problem(422, "the photograph was localized beyond where the CRS is meant for");
-  HttpAnswer answer{.body = FormatGeoPoseAnswer(read, opened.scene.name, localized, *camera),
-                    .is_of_photograph = true};
+  HttpAnswer answer{.body = FormatGeoPoseAnswer(read, opened.scene.name, localized, *camera)};
   answer.headers.emplace_back("Server-Timing", ServerTiming(localized.times));
   return answer;
 }
 
 HttpAnswer Service::Localize(const HttpRequest& request, const AnswerWatch& watch) {
+  HttpAnswer answer;
+  auto tells = WorkQueue::Tells::kNothing;
   try {
-    return AsProblems(options_, [&] {
+    answer = AsProblems(options_, [&] {
       watch.Check();
-      HttpAnswer answer = PathOf(request) == kViewPath      ? AnswerView(request, watch)
-                          : PathOf(request) == kGeoPosePath ? AnswerGeoPose(request, watch)
-                                                            : AnswerLocalize(request, watch);
-      Complete(request, answer);
-      return answer;
+      return PathOf(request) == kViewPath      ? AnswerView(request, watch)
+             : PathOf(request) == kGeoPosePath ? AnswerGeoPose(request, watch, tells)
+                                               : AnswerLocalize(request, watch, tells);
     });
+    Complete(request, answer);
   } catch (const Problem& problem) {
-    return Refuse(request, problem);
+    answer = Refuse(request, problem);
   }
+  answer.tells = tells;
+  return answer;
 }
 
 Service::BegunBatch Service::BeginBatch(HttpRequest request) {
@@ -455,8 +461,9 @@ Service::BegunBatch Service::BeginBatch(HttpRequest request) {
 
 Service::BatchLine Service::Next(Batch& batch, const AnswerWatch& watch) {
   const size_t index = batch.next++;
+  BatchLine line;
   try {
-    return AsProblems(options_, [&] {
+    line.text = AsProblems(options_, [&] {
       watch.Check();
       // The batch was admitted for its first.
       if (tokens_ && index > 0) {
@@ -465,15 +472,15 @@ Service::BatchLine Service::Next(Batch& batch, const AnswerWatch& watch) {
       LocalizeRequest read = ReadTimed(metrics_, [&] {
         return ReadBatchEntry(batch.photographs, index, options_.limits.pixels);
       });
-      return BatchLine{.text = batch.scene->Line(Run(*batch.scene, std::move(read), watch)) + '\n',
-                       .is_of_photograph = true};
+      return batch.scene->Line(Run(*batch.scene, std::move(read), watch, line.tells));
     });
   } catch (const Problem& problem) {
-    nlohmann::ordered_json line = {{"name", batch.photographs.photographs[index].name},
-                                   {"status", "refused"},
-                                   {"problem", ProblemObject(problem)}};
-    return {.text = JsonText(line) + '\n'};
+    line.text = JsonText(nlohmann::ordered_json{{"name", batch.photographs.photographs[index].name},
+                                                {"status", "refused"},
+                                                {"problem", ProblemObject(problem)}});
   }
+  line.text += '\n';
+  return line;
 }
 
 HttpAnswer Service::Refuse(const HttpRequest& request, const Problem& problem) {

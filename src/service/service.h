@@ -21,6 +21,7 @@
 #include "service/problem.h"
 #include "service/tokens.h"
 #include "service/walk_tokens.h"
+#include "service/work_queue.h"
 
 #include "raylift/service/server.h"
 
@@ -38,8 +39,7 @@ struct HttpAnswer {
   std::string content_type = "application/json";
   std::string body = {};
   std::vector<std::pair<std::string, std::string>> headers = {};
-  // Whether it is the pose of a photograph, which took as long as these do.
-  bool is_of_photograph = false;
+  WorkQueue::Tells tells = WorkQueue::Tells::kNothing;  // only where something was localized for it
 };
 
 // Whether somebody still waits for an answer.
@@ -92,7 +92,7 @@ class Service {
   BegunBatch BeginBatch(HttpRequest request);
   struct BatchLine {
     std::string text;
-    bool is_of_photograph = false;  // as of HttpAnswer
+    WorkQueue::Tells tells = WorkQueue::Tells::kNothing;  // as of HttpAnswer
   };
   // The next photograph's answer, or its name and what was wrong with it.
   BatchLine Next(Batch& batch, const AnswerWatch& watch);
@@ -103,9 +103,12 @@ class Service {
  private:
   using OpenedScenes = std::map<std::string, std::shared_ptr<const Opened>>;
 
-  HttpAnswer AnswerLocalize(const HttpRequest& request, const AnswerWatch& watch);
+  // `tells` is that of the answer, and of what is thrown.
+  HttpAnswer AnswerLocalize(const HttpRequest& request, const AnswerWatch& watch,
+                            WorkQueue::Tells& tells);
   HttpAnswer AnswerView(const HttpRequest& request, const AnswerWatch& watch) const;
-  HttpAnswer AnswerGeoPose(const HttpRequest& request, const AnswerWatch& watch);
+  HttpAnswer AnswerGeoPose(const HttpRequest& request, const AnswerWatch& watch,
+                           WorkQueue::Tells& tells);
 
   // Counts an answer and adds what belongs to all of them.
   void Complete(const HttpRequest& request, HttpAnswer& answer);
@@ -118,7 +121,8 @@ class Service {
   std::vector<std::shared_ptr<const Opened>> PlacedScenesOf(const HttpRequest& request) const;
   HttpAnswer Get(std::string_view path, bool is_ready, const ReadGauges& gauges) const;
   HttpAnswer ListScenes() const;
-  LocalizedQuery Run(const Opened& scene, LocalizeRequest request, const AnswerWatch& watch);
+  LocalizedQuery Run(const Opened& scene, LocalizeRequest request, const AnswerWatch& watch,
+                     WorkQueue::Tells& tells);
   void Keep(const std::string& picture, const std::string& line);
 
   const ServerOptions options_;

@@ -1,6 +1,6 @@
 #include "service/work_queue.h"
 
-#include <optional>
+#include <algorithm>
 #include <system_error>
 #include <utility>
 
@@ -79,13 +79,20 @@ WorkQueue::Seconds WorkQueue::usual() const {
   return usual_;
 }
 
-void WorkQueue::Serve() {
+void WorkQueue::Learn(Tells tells, Seconds taken) {
   constexpr double kWeightOfNewest = 0.1;
+  if (tells == Tells::kNothing) return;
+  if (tells == Tells::kLeastTime) taken = std::max(taken, usual_);
+  usual_ += (usual_ == Seconds{} ? 1 : kWeightOfNewest) * (taken - usual_);
+}
+
+void WorkQueue::Serve() {
   std::unique_lock lock(mutex_);
   while (true) {
     changed_.wait(lock, [this] { return ends_ || !waiting_.empty(); });
     if (ends_) return;
-    std::optional<Seconds> taken;
+    Tells tells = Tells::kNothing;
+    Seconds taken = {};
     {
       const Work work = std::move(waiting_.front().work);
       num_new_ -= waiting_.front().is_new ? 1 : 0;
@@ -93,11 +100,12 @@ void WorkQueue::Serve() {
       ++in_hand_;
       lock.unlock();
       const auto begin = std::chrono::steady_clock::now();
-      if (work()) taken = std::chrono::steady_clock::now() - begin;
+      tells = work();
+      taken = std::chrono::steady_clock::now() - begin;
     }  // what it holds is freed without the lock
     lock.lock();
     --in_hand_;
-    if (taken) usual_ += (usual_ == Seconds{} ? 1 : kWeightOfNewest) * (*taken - usual_);
+    Learn(tells, taken);
   }
 }
 

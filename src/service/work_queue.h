@@ -15,8 +15,11 @@ namespace raylift {
 
 class WorkQueue {
  public:
-  // Returns whether it was one of those whose time tells how long others will take. Throws nothing.
-  using Work = std::function<bool()>;
+  // What the time of a piece of work tells of how long others will take: nothing, as it is not like
+  // them; or it took this long; or, where it was given up, it would have taken longer.
+  enum class Tells { kNothing, kTime, kLeastTime };
+  // Throws nothing.
+  using Work = std::function<Tells()>;
 
   using Seconds = std::chrono::duration<double>;
 
@@ -46,6 +49,7 @@ class WorkQueue {
     bool is_new;
   };
   void Serve();
+  void Learn(Tells tells, Seconds taken);  // with the mutex
   void End();
   bool HasRoom() const;  // with the mutex
 

@@ -1,5 +1,6 @@
 #include "service/work_queue.h"
 
+#include <chrono>
 #include <future>
 #include <thread>
 
@@ -10,7 +11,9 @@ namespace {
 
 constexpr WorkQueue::Seconds kLong(1e6);
 
-bool Nothing() { return true; }
+using Tells = WorkQueue::Tells;
+
+Tells Nothing() { return Tells::kTime; }
 
 TEST(WorkQueue, TakesNoMoreThanMayWait) {
   WorkQueue queue(1, 2, kLong);
@@ -19,14 +22,14 @@ TEST(WorkQueue, TakesNoMoreThanMayWait) {
   ASSERT_TRUE(queue.TryAdd([&] {
     begun.set_value();
     may_go_on.wait();
-    return true;
+    return Tells::kTime;
   }));
   begun.get_future().wait();  // it waits no more
   std::vector<int> done;
   const auto push = [&done](int i) {
     return [&done, i] {
       done.push_back(i);
-      return true;
+      return Tells::kTime;
     };
   };
   EXPECT_TRUE(queue.TryAdd(push(1)));
@@ -37,7 +40,7 @@ TEST(WorkQueue, TakesNoMoreThanMayWait) {
   std::promise<void> ended;
   queue.AddAgain([&] {
     ended.set_value();
-    return true;
+    return Tells::kTime;
   });
   go_on.set_value();
   ended.get_future().wait();
@@ -51,14 +54,14 @@ TEST(WorkQueue, WhatGoesOnTakesNoRoom) {
   ASSERT_TRUE(queue.TryAdd([&] {
     begun.set_value();
     may_go_on.wait();
-    return true;
+    return Tells::kTime;
   }));
   begun.get_future().wait();
   queue.AddAgain(Nothing);
   EXPECT_FALSE(queue.IsFull());
   EXPECT_TRUE(queue.TryAdd([&] {
     ended.set_value();
-    return true;
+    return Tells::kTime;
   }));
   EXPECT_TRUE(queue.IsFull());
   go_on.set_value();
@@ -77,7 +80,7 @@ TEST(WorkQueue, TakesNothingThatWouldWaitTooLong) {
   EXPECT_FALSE(queue.IsFull());
   ASSERT_TRUE(queue.TryAdd([&] {
     may_go_on.wait();
-    return true;
+    return Tells::kTime;
   }));
   EXPECT_TRUE(queue.IsFull());
   EXPECT_FALSE(queue.TryAdd(Nothing));
@@ -92,13 +95,20 @@ TEST(WorkQueue, WhatIsNotLikeTheOthersTellsNoTime) {
     ASSERT_TRUE(queue.TryAdd(work));
     while (queue.NumWaiting() + queue.NumInHand() > 0) std::this_thread::yield();
   };
-  run([] { return false; });
+  run([] { return Tells::kNothing; });
   EXPECT_EQ(queue.usual(), WorkQueue::Seconds(0));
   run(Nothing);
   const WorkQueue::Seconds usual = queue.usual();
   EXPECT_GT(usual, WorkQueue::Seconds(0));
-  run([] { return false; });
+  run([] { return Tells::kNothing; });
   EXPECT_EQ(queue.usual(), usual);
+  run([] { return Tells::kLeastTime; });  // at once: that it would have taken longer is no news
+  EXPECT_GE(queue.usual(), usual);
+  run([] {
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    return Tells::kLeastTime;
+  });
+  EXPECT_GT(queue.usual(), WorkQueue::Seconds(0.002 * 0.9));
 }
 
 }  // namespace
