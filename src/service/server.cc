@@ -17,6 +17,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/parallel.h"
 
 namespace raylift {
 namespace {
@@ -31,13 +32,14 @@ class Server::Impl {
   Impl(OpenScenes open, const ServerOptions& options)
       : open_(std::move(open)), shared_(options), acceptor_(shared_.io), signals_(shared_.io) {
     Listen();
-    shared_.service.Take(open_());
+    shared_.service.Take(open_(), options.threads);
     shared_.on_closed = [this] { EndIfDone(); };
     // They wait for Run() from now on; before, they end the opening.
     for (const int signal : {SIGTERM, SIGINT, SIGHUP}) signals_.add(signal);
   }
   ~Impl() {
     shared_.on_closed = nullptr;
+    ends_ = true;
     if (reopening_.joinable()) reopening_.join();
   }
   Impl(const Impl&) = delete;
@@ -194,6 +196,7 @@ class Server::Impl {
   void Drain() {
     if (std::exchange(shared_.is_draining, true)) return;
     shared_.is_ready = false;
+    ends_ = true;
     drain_.cancel();
     error_code ignored;
     acceptor_.close(ignored);
@@ -222,12 +225,15 @@ class Server::Impl {
 
   // What is asked for while the scenes are opened may be about later files: they are opened again.
   void ReopenWhileAsked() {
+    const CallWatch call({.stop_wanted = [this] { return ends_.load(); }});
     int asked = 0;
     do {
       asked = reopenings_asked_;
       try {
-        shared_.service.Take(open_());
+        shared_.service.Take(open_(), 1);  // the other threads are for photographs
         Log("the scenes are opened anew");
+      } catch (const Cancelled&) {
+        return;
       } catch (const std::exception& error) {
         LogStays(error);
       }
@@ -247,6 +253,7 @@ class Server::Impl {
   asio::executor_work_guard<asio::io_context::executor_type> working_{shared_.io.get_executor()};
   std::thread reopening_;
   std::atomic<int> reopenings_asked_ = 0;
+  std::atomic<bool> ends_ = false;  // opens nothing anew any more
 };
 
 Server::Server(OpenScenes open, const ServerOptions& options)

@@ -187,10 +187,10 @@ Service::Service(const ServerOptions& options)
   if (!options.keep.empty()) RequireWritable(options.keep / "photograph");
 }
 
-void Service::Take(std::vector<ServedScene> scenes) {
+void Service::Take(std::vector<ServedScene> scenes, int threads) {
   auto opened = std::make_shared<OpenedScenes>();
   for (ServedScene& given : scenes) {
-    auto entry = std::make_shared<Opened>(walk_tokens_, std::move(given), options_.threads);
+    auto entry = std::make_shared<Opened>(walk_tokens_, std::move(given), threads);
     const ServedScene& scene = entry->scene;
     for (const PosedImage& image : scene.localizer->scene().references.images) {
       entry->references.emplace(image.name, &image);

@@ -63,8 +63,8 @@ class Service {
   explicit Service(const ServerOptions& options);
 
   // From now on these scenes are asked; work in hand goes on with those that it has begun with.
-  // Throws InputError where a name stands twice.
-  void Take(std::vector<ServedScene> scenes);
+  // Prepares them on `threads`, 0: one for each core. Throws InputError where a name stands twice.
+  void Take(std::vector<ServedScene> scenes, int threads);
 
   // Answers what needs no body and refuses what is to be refused before it is read. nullopt where
   // the request is one for Localize() or for a batch.
