@@ -78,7 +78,7 @@ Connection::Connection(tcp::socket socket, Shared& shared)
 }
 
 Connection::~Connection() {
-  EndIdle();
+  StandNowhere();
   shared_.held_bytes -= held_bytes_;
   shared_.connections.erase(this);
   if (shared_.on_closed) shared_.on_closed();
@@ -88,22 +88,33 @@ void Connection::ReadHeader() {
   parser_.emplace();
   parser_->header_limit(kMaxHeaderBytes);
   parser_->body_limit(shared_.options.limits.body_bytes);
-  idle_ = shared_.idle.insert(shared_.idle.end(), this);
+  StandIn(shared_.idle);
   stream_.expires_after(Milliseconds(shared_.options.limits.header_s));
   http::async_read_header(stream_, buffer_, *parser_,
                           [self = shared_from_this()](error_code error, size_t) {
-                            self->EndIdle();
-                            self->OnHeader(error);
+                            self->StandNowhere();
+                            // It may have given way while its header was on its way to here.
+                            if (self->stream_.socket().is_open()) self->OnHeader(error);
                           });
 }
 
-void Connection::CloseIdle() {
-  EndIdle();
+void Connection::Close() {
+  StandNowhere();
   stream_.close();
 }
 
-void Connection::EndIdle() {
-  if (const auto place = std::exchange(idle_, std::nullopt)) shared_.idle.erase(*place);
+bool Connection::CouldAsk() const {
+  constexpr std::chrono::milliseconds kTimeToAsk(500);
+  return place_ && std::chrono::steady_clock::now() - place_->since >= kTimeToAsk;
+}
+
+void Connection::StandIn(std::list<Connection*>& list) {
+  place_.emplace(Place{.list = list, .position = list.insert(list.end(), this)});
+}
+
+void Connection::StandNowhere() {
+  if (place_) place_->list.erase(place_->position);
+  place_.reset();
 }
 
 void Connection::OnHeader(const error_code& error) {
@@ -190,9 +201,11 @@ void Connection::BeginWatch() {
 void Connection::NoteIfGone() {
   stream_.socket().async_wait(tcp::socket::wait_read,
                               [self = shared_from_this(), gone = watch_.is_gone](error_code error) {
-                                if (error || self->watch_.is_gone != gone) return;
-                                const size_t available = self->stream_.socket().available(error);
-                                if (error || available == 0) *gone = true;
+                                if (self->watch_.is_gone != gone) return;
+                                tcp::socket& socket = self->stream_.socket();
+                                const bool is_left = error == asio::error::operation_aborted;
+                                if (is_left && socket.is_open()) return;
+                                if (error || socket.available(error) == 0) *gone = true;
                               });
 }
 
@@ -242,7 +255,7 @@ void Connection::SetResponse(const HttpAnswer& answer) {
   response_.set(http::field::cache_control, "no-store");
   response_.set("X-Content-Type-Options", "nosniff");
   for (const auto& [name, value] : answer.headers) response_.set(name, value);
-  closes_ = closes_ || shared_.is_draining;
+  closes_ = closes_ || !shared_.is_ready;
   response_.keep_alive(!closes_);
 }
 
@@ -271,6 +284,7 @@ void Connection::OnWritten(const error_code& error) {
   error_code ignored;
   stream_.socket().shutdown(tcp::socket::shutdown_send, ignored);
   stream_.expires_after(kLinger);
+  StandIn(shared_.lingering);
   Linger();
 }
 

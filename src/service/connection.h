@@ -91,7 +91,9 @@ struct Shared {
   bool is_ready = true;   // else no more requests should be sent
   bool is_draining = false;
   std::set<class Connection*> connections;
-  std::list<Connection*> idle;  // of them those without a request, the longest so first
+  // Of them those without a request, and those that were answered and are about to end: each the
+  // longest so first.
+  std::list<Connection*> idle, lingering;
   std::function<void()> on_closed;
   // These end first: what they hold refers to the others.
   asio::io_context io{1};
@@ -109,11 +111,14 @@ class Connection : public std::enable_shared_from_this<Connection> {
 
   void ReadHeader();
   // Ends it, which has no request under way.
-  void CloseIdle();
+  void Close();
+  // Whether it has had the time to send its request.
+  bool CouldAsk() const;
   bool runs_batch() const { return runs_batch_; }
 
  private:
-  void EndIdle();
+  void StandIn(std::list<Connection*>& list);
+  void StandNowhere();
   void OnHeader(const error_code& error);
   void Fail(const error_code& error);
   void Refuse(const Problem& problem);
@@ -201,8 +206,13 @@ class Connection : public std::enable_shared_from_this<Connection> {
   http::response<http::string_body> response_;
   std::unique_ptr<Service::Batch> batch_;  // null: it has asked for none
   std::optional<http::response_serializer<http::string_body>> streamed_;
-  std::string line_;                                      // of the batch, on its way
-  std::optional<std::list<Connection*>::iterator> idle_;  // its place among these
+  std::string line_;  // of the batch, on its way
+  struct Place {
+    std::list<Connection*>& list;  // idle or lingering ones
+    std::list<Connection*>::iterator position;
+    std::chrono::steady_clock::time_point since = std::chrono::steady_clock::now();
+  };
+  std::optional<Place> place_;
   bool runs_batch_ = false;
   bool closes_ = true;  // after the answer
 };

@@ -99,7 +99,7 @@ class Server::Impl {
     accepting_ = accepting;
     acceptor_.async_accept([this, accepting](error_code error, tcp::socket socket) {
       if (shared_.is_draining) return;
-      if (error == asio::error::no_descriptors && CloseLongestIdle()) return Accept();
+      if (error == asio::error::no_descriptors && CloseOne()) return Accept();
       if (error) return AcceptLater();
       try {
         Take(std::move(socket));
@@ -113,18 +113,25 @@ class Server::Impl {
 
   void Take(tcp::socket socket) {
     const auto most = static_cast<size_t>(shared_.options.limits.connections);
-    if (shared_.connections.size() < most || CloseLongestIdle()) {
+    if (shared_.connections.size() < most || CloseOne()) {
       std::make_shared<Connection>(std::move(socket), shared_)->ReadHeader();
     } else {
       SendAway(socket);
     }
   }
 
-  // Whoever holds connections open without a request keeps nobody out. Returns whether there was
-  // one.
-  bool CloseLongestIdle() {
+  // Whoever holds connections open without a request keeps nobody out; but newcomers do not take
+  // their places from each other before they could ask, unless most places are idle. Returns
+  // whether one has given way.
+  bool CloseOne() {
+    if (!shared_.lingering.empty()) {
+      shared_.lingering.front()->Close();
+      return true;
+    }
     if (shared_.idle.empty()) return false;
-    shared_.idle.front()->CloseIdle();
+    const bool most_are_idle = shared_.idle.size() > shared_.connections.size() / 2;
+    if (!most_are_idle && !shared_.idle.front()->CouldAsk()) return false;
+    shared_.idle.front()->Close();
     return true;
   }
 
@@ -201,8 +208,7 @@ class Server::Impl {
     error_code ignored;
     acceptor_.close(ignored);
     accept_again_.cancel();
-    while (CloseLongestIdle()) {
-    }
+    while (!shared_.idle.empty()) shared_.idle.front()->Close();
     EndIfDone();
   }
 

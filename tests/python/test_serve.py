@@ -2,9 +2,11 @@
 
 import base64
 import functools
+import http.client
 import json
 import operator
 import re
+import signal
 import socket
 import subprocess
 import time
@@ -200,3 +202,20 @@ def test_sigterm_ends_an_idle_server_with_0(run):
     with serve(run) as server:
         assert server.ask("/healthz")[0] == 200
         assert server.end() == (0, "")
+
+
+def test_connections_end_with_their_answer_once_the_server_is_about_to_end(run):
+    options = ("--cache", run / "cache", "--scene-calibration", run / "scene_calibration.json", "--drain-delay", "600s")
+    with Server(*options) as server:
+        connection = http.client.HTTPConnection(*server.address, timeout=60)
+        statuses = []
+        while 503 not in statuses:
+            connection.request("GET", "/readyz")
+            answer = connection.getresponse()
+            answer.read()
+            statuses.append(answer.status)
+            assert answer.will_close == (answer.status == 503)
+            if len(statuses) == 1:
+                server.process.send_signal(signal.SIGTERM)
+        assert statuses[0] == 200
+        assert server.end()[0] == 0  # which a second signal ends at once

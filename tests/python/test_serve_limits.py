@@ -208,15 +208,24 @@ def test_slow_clients_block_nobody_and_are_let_go(folder):
             connection.close()
 
 
+TIME_TO_ASK = 0.6  # in which a connection does not give way
+
+
+def connection_with_a_body(server):
+    """Still to come."""
+    connection = socket.create_connection(server.address, timeout=60)
+    connection.sendall((HEAD + "Content-Type: application/json\r\nContent-Length: 50\r\nExpect: 100-continue"
+                               "\r\n\r\n").encode())
+    assert connection.recv(1000).startswith(b"HTTP/1.1 100")
+    return connection
+
+
 def test_connections_beyond_the_limit_are_sent_away_where_none_is_idle(folder):
     with Server(*FAST, "--cache", folder / "cache", "--max-connections", "5") as server:
         idle = [socket.create_connection(server.address, timeout=60) for _ in range(8)]
         assert all(connection.recv(1000) == b"" for connection in idle[:3])  # the oldest give way
-        reading = [socket.create_connection(server.address, timeout=60) for _ in range(5)]
-        for connection in reading:
-            connection.sendall((HEAD + "Content-Type: application/json\r\nContent-Length: 50\r\nExpect: 100-continue"
-                                       "\r\n\r\n").encode())
-            assert connection.recv(1000).startswith(b"HTTP/1.1 100")
+        time.sleep(TIME_TO_ASK)
+        reading = [connection_with_a_body(server) for _ in range(5)]
         with socket.create_connection(server.address, timeout=60) as beyond:
             assert beyond.recv(1000).startswith(b"HTTP/1.1 503")
         for connection in idle + reading:
@@ -224,6 +233,32 @@ def test_connections_beyond_the_limit_are_sent_away_where_none_is_idle(folder):
         while not is_well(server):  # until it has seen them go
             time.sleep(0.1)
         assert ask(server, NAMES[0])[0] == 200
+
+
+def test_newcomers_take_no_place_from_those_that_could_not_ask_yet(folder):
+    with Server(*FAST, "--cache", folder / "cache", "--max-connections", "5") as server:
+        reading = [connection_with_a_body(server) for _ in range(4)]
+        first = socket.create_connection(server.address, timeout=60)
+        with socket.create_connection(server.address, timeout=60) as beyond:
+            assert beyond.recv(1000).startswith(b"HTTP/1.1 503")
+        first.sendall(b"GET /healthz HTTP/1.1\r\nHost: a\r\n\r\n")
+        assert first.recv(1000).startswith(b"HTTP/1.1 200")
+        time.sleep(TIME_TO_ASK)
+        assert is_well(server)
+        assert first.recv(1000) == b""  # it had to give way
+        for connection in (first, *reading):
+            connection.close()
+
+
+def test_connections_that_were_answered_keep_nobody_out(folder):
+    with Server(*FAST, "--cache", folder / "cache", "--max-connections", "5") as server:
+        answered = [socket.create_connection(server.address, timeout=60) for _ in range(5)]
+        for connection in answered:
+            connection.sendall(b"GET /healthz HTTP/1.0\r\n\r\n")
+            assert connection.recv(1000).startswith(b"HTTP/1.1 200")
+        assert all(is_well(server) for _ in range(5))
+        for connection in answered:
+            connection.close()
 
 
 def test_a_client_asks_from_python(server):

@@ -43,8 +43,9 @@ using OpenScenes = std::function<std::vector<ServedScene>()>;
 
 // What clients may take. Bodies are counted as they are decoded.
 struct ServerLimits {
-  // At once. Further ones take the place of that which has been without a request for longest, and
-  // where there is none are told to come later (503).
+  // At once. Further ones take the place of one that was answered and is about to end, or of that
+  // which has been without a request for longest, once it had time to send one or where most have
+  // none. Where there is no such one, they are told to come later (503).
   int connections = 1000;
   // Requests that wait for a thread; further ones get 429, and so do those that would wait for more
   // than half of answer_s.
