@@ -181,7 +181,9 @@ class Server::Impl {
 
   void OnSignal(int signal) {
     WaitForSignal();  // first: what follows may end the waiting
-    if (signal == SIGHUP) {
+    if (signal == SIGHUP && shared_.is_draining) {
+      EndIfDone();  // it came together with SIGTERM: nothing else may be left to wait for
+    } else if (signal == SIGHUP) {
       Reopen();
     } else if (shared_.is_draining) {
       shared_.io.stop();

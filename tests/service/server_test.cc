@@ -28,6 +28,14 @@ TEST(Server, StopEndsItsRunFromAnotherThread) {
   ASSERT_EQ(run.wait_for(std::chrono::minutes(1)), std::future_status::ready) << std::flush;
 }
 
+TEST(Server, EndsWhereItIsToldToReopenAtTheSameTime) {
+  Server server([] { return std::vector<ServedScene>(); }, {.port = 0, .threads = 1});
+  std::raise(SIGTERM);  // as a machine hands them over that were sent the other way around
+  std::raise(SIGHUP);
+  const auto run = std::async(std::launch::async, [&] { server.Run(); });
+  ASSERT_EQ(run.wait_for(std::chrono::minutes(1)), std::future_status::ready) << std::flush;
+}
+
 TEST(Server, EndsWhileItOpensScenesAnew) {
   std::promise<void> reopens;
   std::atomic<int> opened = 0;
