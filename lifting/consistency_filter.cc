@@ -70,12 +70,16 @@ struct DepthEvidence {
   size_t num_views = 0;
 };
 
-// Returns the deviation of a point's log depth, where its source knows it.
-std::optional<double> DeviationOf(std::span<const PosedImage> references, const Match2D3D& point) {
-  if (!point.reference || !(point.point_sigma.value_or(0) > 0)) return std::nullopt;
-  const PosedImage& reference = references[static_cast<size_t>(*point.reference)];
-  const double distance = (point.point_in_world - reference.cam_from_world.OriginInSource()).norm();
-  return *point.point_sigma / distance;
+// Returns the deviation of a point's log depth before any view: of all points, or its own, as far
+// as its views do not contradict it.
+double DeviationBefore(const Match2D3D& point, const DepthEvidence& views, double of_all) {
+  constexpr double kGate = 3;  // deviations
+  const double own = point.log_depth_sigma.value_or(0);
+  if (!(own > 0) || !std::isfinite(own)) return of_all;
+  if (!(views.precision > 0)) return own;
+  const double error = views.weighted_sum / views.precision;
+  const bool is_contradicted = error * error > kGate * kGate * (own * own + 1 / views.precision);
+  return is_contradicted ? std::max(own, of_all) : own;
 }
 
 }  // namespace
@@ -120,7 +124,7 @@ std::optional<MultiViewTrust> EstimateTrust(std::span<const PosedImage> referenc
   MultiViewTrust trust{.noise = {keypoints_px, geometry_px, agreeing.size()}, .points = {}};
   for (size_t i = 0; i < points.size(); ++i) {
     const DepthEvidence& e = evidence[i];
-    const double before = DeviationOf(references, points[i]).value_or(prior_deviation);
+    const double before = DeviationBefore(points[i], e, prior_deviation);
     const double precision = e.precision + 1 / (before * before);
     const double mean = e.weighted_sum / precision;
     trust.points.push_back(

@@ -396,12 +396,10 @@ std::vector<std::optional<SurfacePoint>> WeighedSource::Lift(
   auto points = source_->Lift(reference, pixels);
   const auto confidences = maps_->LoadConfidence(reference);
   if (confidences == nullptr) return points;
-  const Eigen::Vector3d center_in_world = reference.cam_from_world.OriginInSource();
   for (size_t i = 0; i < points.size(); ++i) {
     if (!points[i]) continue;
-    points[i]->point_sigma =
-        worth_.SigmaAt(ConfidenceAt(*confidences, reference.camera, pixels[i])) *
-        (points[i]->point_in_world - center_in_world).norm();
+    points[i]->log_depth_sigma =
+        worth_.SigmaAt(ConfidenceAt(*confidences, reference.camera, pixels[i]));
   }
   return points;
 }

@@ -82,7 +82,8 @@ LiftResult LiftMatches(std::span<const GeometrySource* const> sources, GeometryM
                             .point_sigma = surface->point_sigma,
                             .query_keypoint = matches[i].query_keypoint,
                             .match_2d2d = i,
-                            .camera = matches[i].camera};
+                            .camera = matches[i].camera,
+                            .log_depth_sigma = surface->log_depth_sigma};
       result.lifted.push_back({match, *surface, s});
     }
     ++(result.lifted.size() > before ? result.counts.hits : result.counts.misses);
@@ -234,6 +235,7 @@ std::vector<RefinedPoint> RefineBest(std::span<const PosedImage> references,
     }
     RefinedPoint point{candidates[best], false};
     point.refined = Refine(references, errors.ViewsOf(best), options, point.match.point_in_world);
+    if (point.refined) point.match.log_depth_sigma.reset();
     points.push_back(point);
   }
   return points;

@@ -221,9 +221,10 @@ ViewPlanes LookForPlanes(const GeometrySource& source, const PosedImage& view,
       const SurfacePoint& point = *points[i];
       PixelPlane& plane = seen.planes[first + i];
       plane.depth = static_cast<float>(point.depth_z);
+      const double relative_noise = point.log_depth_sigma.value_or(scale.relative_noise);
       SetPlane(view.cam_from_world.rotation * point.normal_in_world,
                view.cam_from_world * point.point_in_world,
-               point.point_sigma.value_or(scale.relative_noise * point.depth_z), unit, plane);
+               point.point_sigma.value_or(relative_noise * point.depth_z), unit, plane);
     }
   }
   const int radius = RadiusOf(scale, view.camera.MeanFocalPx());

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <utility>
 #include <vector>
 
 #include "estimation/standard_options.h"
@@ -43,6 +44,29 @@ TEST(PointSigma, MakesNoisyGeometryUsable) {
   options.point_sigma = 0.3;
   // 0.56 m against 0.10 m over the whole regime.
   EXPECT_LT(MedianPositionError(problems, options), 0.5 * exact);
+}
+
+TEST(LearnedDepthSigma, CountsInTheJointRefinementAlone) {
+  Rng rng = TestRng();
+  PoseProblem plain = MakeCoherentProblem("learned", {.surface = 0.02}, rng).problem;
+  PoseProblem learned = plain;
+  for (size_t i = 0; i < learned.matches_2d3d.size(); ++i) {
+    learned.matches_2d3d[i].log_depth_sigma = i % 3 == 0 ? 0.3 : 0.005;
+  }
+  const auto estimates = [&](Method method) {
+    const auto estimator = MakePoseEstimator(StandardOptions(method));
+    return std::pair(estimator->Estimate(plain), estimator->Estimate(learned));
+  };
+  for (const Method method :
+       {Method::kP3p, Method::kE5p1, Method::kSelect, Method::kHybridRansac, Method::kHloc}) {
+    const auto [without, with] = estimates(method);
+    ASSERT_TRUE(without.cam_from_world && with.cam_from_world) << ToString(method);
+    EXPECT_TRUE(IsIdentical(without, with)) << ToString(method);
+  }
+  const auto [without, with] = estimates(Method::kAdaptive);
+  ASSERT_TRUE(without.cam_from_world && with.cam_from_world);
+  EXPECT_EQ(without.ransac_value, with.ransac_value);
+  EXPECT_NE(without.cam_from_world->translation, with.cam_from_world->translation);
 }
 
 TEST(PointSigma, OfAMatchGoesBeforeThatOfTheOptions) {

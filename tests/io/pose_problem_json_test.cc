@@ -75,6 +75,7 @@ void ExpectSameProblem(const PoseProblemFile& a, const PoseProblemFile& b) {
     EXPECT_EQ(std::signbit(x.point_in_world.y()), std::signbit(y.point_in_world.y()));
     EXPECT_EQ(x.reference, y.reference);
     EXPECT_EQ(x.point_sigma, y.point_sigma);
+    EXPECT_EQ(x.log_depth_sigma, y.log_depth_sigma);
   }
 }
 
@@ -93,6 +94,7 @@ TEST(PoseProblemJson, ReferencesOf3DPointsAndSigmasAreKept) {
   file.gt_cam_from_world.reset();
   file.problem.matches_2d3d[4].reference = 2;
   file.problem.matches_2d3d[5].point_sigma = 0.01;
+  file.problem.matches_2d3d[6].log_depth_sigma = 0.02;
   file.problem.matches_2d2d[1].reference_sigma_px = 3.5;
   const std::string json = FormatPoseProblem(file);
   ExpectSameProblem(ParsePoseProblem(json, "p.json"), file);

@@ -88,6 +88,49 @@ TEST(EstimateTrust, ExpectsTheErrorThatADepthHas) {
             0.25 * std::sqrt(squares_of_all / static_cast<double>(points.size())));
 }
 
+TEST(EstimateTrust, ThinnessOfASurfaceSaysNothingOfItsDepth) {
+  Rng rng = TestRng();
+  const Problem problem = MakeProblem(400, 0.5, rng);
+  auto points = LiftAll(problem, 0.1, rng);
+  const auto expected = EstimateTrust(problem.room.references, problem.matches, points);
+  for (Match2D3D& point : points) point.point_sigma = 1e-6;  // as discs and splats have
+  const auto trust = EstimateTrust(problem.room.references, problem.matches, points);
+  ASSERT_TRUE(expected && trust);
+  for (size_t i = 0; i < points.size(); ++i) {
+    EXPECT_EQ(trust->points[i].expected_error_px, expected->points[i].expected_error_px);
+  }
+}
+
+TEST(EstimateTrust, BelievesALearnedDeviationUnlessTheViewsContradictIt) {
+  Rng rng = TestRng();
+  const Problem problem = MakeProblem(400, 0.5, rng);
+  const auto truth = LiftAll(problem, 0, rng);
+  auto points = LiftAll(problem, 0.1, rng);
+  const auto by_all = EstimateTrust(problem.room.references, problem.matches, points);
+  for (Match2D3D& point : points) point.log_depth_sigma = 1e-3;
+  const auto trust = EstimateTrust(problem.room.references, problem.matches, points);
+  ASSERT_TRUE(by_all && trust);
+  size_t less = 0, same = 0, same_and_wrong = 0;
+  for (size_t i = 0; i < points.size(); ++i) {
+    const double before = by_all->points[i].expected_error_px;
+    const PosedImage& own = problem.room.references[static_cast<size_t>(*points[i].reference)];
+    const Eigen::Vector3d center = own.cam_from_world.OriginInSource();
+    const double log_error = std::log((points[i].point_in_world - center).norm() /
+                                      (truth[i].point_in_world - center).norm());
+    if (!by_all->points[i].seen_by_others) {
+      EXPECT_LT(trust->points[i].expected_error_px, 0.1 * before);
+    } else if (trust->points[i].expected_error_px == before) {
+      ++same;
+      same_and_wrong += std::abs(log_error) > 2e-3 ? 1 : 0;
+    } else {
+      ++less;
+    }
+  }
+  EXPECT_GT(same, points.size() / 2);
+  EXPECT_GT(static_cast<double>(same_and_wrong), 0.98 * static_cast<double>(same));
+  EXPECT_GT(less, 0u);
+}
+
 TEST(EstimateTrust, NeedsSeveralReferences) {
   Rng rng = TestRng();
   const Problem problem = MakeProblem(3, 0.5, rng);

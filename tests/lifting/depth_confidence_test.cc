@@ -118,9 +118,9 @@ TEST(WeighedSource, GivesPointsTheDeviationsOfTheirConfidences) {
   const PosedImage& reference = room.references[0];
   const std::vector<Eigen::Vector2d> pixels = {{105, 105}, {505, 105}};
   const auto points = weighed.Lift(reference, pixels);
-  const Eigen::Vector3d center = reference.cam_from_world.OriginInSource();
-  EXPECT_NEAR(*points[0]->point_sigma / (points[0]->point_in_world - center).norm(), 0.01, 1e-6);
-  EXPECT_NEAR(*points[1]->point_sigma / (points[1]->point_in_world - center).norm(), 0.3, 1e-5);
+  EXPECT_NEAR(points[0]->log_depth_sigma.value(), 0.01, 1e-6);
+  EXPECT_NEAR(points[1]->log_depth_sigma.value(), 0.3, 1e-5);
+  EXPECT_EQ(points[0]->point_sigma, std::nullopt);
 }
 
 }  // namespace

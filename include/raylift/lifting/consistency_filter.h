@@ -27,9 +27,10 @@ namespace raylift {
 // Else the error in log depth of each point is estimated from its views: a view in which one unit
 // of it moves the projection by g px along the line measures it as -a / g with deviation s_n / g;
 // before any view it is 0 with deviation s_g / G, G being the median of g, or with the deviation
-// that the point carries (point_sigma). The point's expected
-// error in a further view, G sqrt(mean^2 + variance), must be of the order of s_n. So a point that
-// no other reference sees well enough is as good as the geometry is on the whole.
+// that the point carries (log_depth_sigma), unless its views contradict that by three deviations.
+// The point's expected error in a further view, G sqrt(mean^2 + variance), must be of the order of
+// s_n. So a point that no other reference sees well enough is as good as the geometry is on the
+// whole.
 //
 // All queries of a scene together say better whether its geometry is accurate than the few
 // views of one.

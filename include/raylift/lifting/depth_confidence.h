@@ -52,7 +52,8 @@ ConfidenceWorth LearnConfidence(const GeometrySource& source, const DepthFolder&
                                 std::span<const PosedImage> references,
                                 std::span<const ReferenceMatch> matches, int threads);
 
-// Gives the points of a source the standard deviations that the confidences of its maps stand for.
+// Gives the points of a source the standard deviations of ln(depth) that the confidences of its
+// maps stand for.
 class WeighedSource final : public GeometrySource {
  public:
   WeighedSource(std::shared_ptr<const GeometrySource> source,

@@ -37,6 +37,8 @@ struct SurfacePoint {
   std::optional<Track> track = std::nullopt;
   // Standard deviation in scene units (isotropic), where the source knows it.
   std::optional<double> point_sigma = std::nullopt;
+  // Standard deviation of ln(distance) along the ray, where it was learned from confidences.
+  std::optional<double> log_depth_sigma = std::nullopt;
 };
 
 class GeometrySource {

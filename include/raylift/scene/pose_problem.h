@@ -43,6 +43,8 @@ struct Match2D3D {
   // The 2D-2D match it was lifted from, where it was: an index into PoseProblem::matches_2d2d.
   std::optional<size_t> match_2d2d = std::nullopt;
   int camera = 0;  // as in Match2D2D
+  // Standard deviation of ln(distance) along the reference's ray, where it was learned.
+  std::optional<double> log_depth_sigma = std::nullopt;
 };
 
 // One more camera of a query that is a rig: photographs of one moment whose cameras' relative poses

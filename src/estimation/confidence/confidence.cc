@@ -7,6 +7,8 @@
 #include <vector>
 
 #include "base/statistics.h"
+#include "estimation/problem/observations.h"
+#include "estimation/problem/repeats.h"
 #include "estimation/refinement/refinement.h"
 
 #include "raylift/scene/pose_problem.h"
@@ -19,11 +21,23 @@ double ProbabilityOfNoChance(double log_false_alarms) {
   return 1 / (1 + std::exp(std::min(log_false_alarms, 700.0)));
 }
 
-// Returns the median standard deviation that points carry, as a share of a distance.
-double CarriedSigma(const NormalizedProblem& problem, double distance) {
+// Returns the median standard deviation that was learned of the depths of 2D-2D inliers, 0 where
+// none was. `inlier` is of the points, if these are scored, and the 2D-2D matches.
+double MedianLearnedSigma(const PoseProblem& original, const NormalizedProblem& problem,
+                          const std::vector<bool>& inlier) {
+  const size_t first_pair = inlier.size() - problem.matches_2d2d.size();
+  std::vector<bool> is_inlier(original.matches_2d2d.size(), false);
+  for (size_t i = 0; i < problem.matches_2d2d.size(); ++i) {
+    is_inlier[static_cast<size_t>(problem.matches_2d2d[i].match)] = inlier[first_pair + i];
+  }
   std::vector<double> sigmas;
-  for (const NormalizedMatch2D3D& match : problem.matches_2d3d) sigmas.push_back(match.sigma);
-  return distance > 0 ? UpperMedianOr(std::move(sigmas), 0) / distance : 0;
+  for (const NormalizedMatch2D3D& point : problem.matches_2d3d) {
+    const double sigma = LearnedDepthSigma(original, point);
+    if (!(sigma > 0)) continue;
+    const std::optional<size_t> pair = PairOf(original, static_cast<size_t>(point.match));
+    if (pair && is_inlier[*pair]) sigmas.push_back(sigma);
+  }
+  return UpperMedianOr(std::move(sigmas), 0);
 }
 
 }  // namespace
@@ -77,8 +91,9 @@ void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& norma
   if (Has2D2D(assessed.scored)) {
     DepthScale scale;
     if (estimate.noise) {
-      scale.depth_sigma = std::hypot(estimate.noise->depth, estimate.noise->common_depth,
-                                     CarriedSigma(normalized, distance));
+      scale.depth_sigma =
+          std::hypot(std::hypot(estimate.noise->depth, estimate.noise->common_depth),
+                     MedianLearnedSigma(problem, normalized, evidence.inlier));
     }
     const std::optional<SceneNoise> known = KnownNoiseOf(normalized, options);
     if (known && known->reference_factor.errors > 0) {

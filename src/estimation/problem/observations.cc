@@ -108,8 +108,10 @@ class Gathering {
     } else if (!observation->has_depth) {
       observation->has_depth = true;
       const double distance = (match.point - observation->center).norm();
+      const double learned = LearnedDepthSigma(original_, match);
       observation->log_distance = std::log(distance);
-      observation->depth_variance = match.sigma * match.sigma / (distance * distance);
+      observation->depth_variance =
+          match.sigma * match.sigma / (distance * distance) + learned * learned;
     }
   }
 
@@ -186,6 +188,12 @@ struct Scatter {
 };
 
 }  // namespace
+
+double LearnedDepthSigma(const PoseProblem& original, const NormalizedMatch2D3D& match) {
+  const double sigma =
+      original.matches_2d3d[static_cast<size_t>(match.match)].log_depth_sigma.value_or(0);
+  return sigma > 0 && std::isfinite(sigma * sigma) ? sigma : 0;
+}
 
 double MatchedAreaPx2(const PoseProblem& problem) {
   std::vector<Scatter> scatter(static_cast<size_t>(problem.num_cameras()));

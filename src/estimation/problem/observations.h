@@ -88,6 +88,10 @@ struct KeypointEvidence {
   }
 };
 
+// Returns the standard deviation of ln(distance) that was learned of a lifted point; 0 where none
+// was.
+double LearnedDepthSigma(const PoseProblem& original, const NormalizedMatch2D3D& match);
+
 KeypointEvidence GatherEvidence(const PoseProblem& original, const NormalizedProblem& problem);
 
 // An image in n x n equal parts, to tell what lies together from what is spread over it; the images

@@ -141,6 +141,9 @@ void AppendSigma(const std::optional<double>& sigma, std::string* text) {
 void AppendPointSigma(const Match2D3D& match, std::string* text) {
   AppendSigma(match.point_sigma, text);
 }
+void AppendDepthSigma(const Match2D3D& match, std::string* text) {
+  AppendSigma(match.log_depth_sigma, text);
+}
 void AppendReferenceSigma(const Match2D2D& match, std::string* text) {
   AppendSigma(match.reference_sigma_px, text);
 }
@@ -264,6 +267,10 @@ std::string FormatPoseProblem(const PoseProblemFile& file) {
   }
   if (std::any_of(matches.begin(), matches.end(), [](const auto& m) { return m.point_sigma; })) {
     AppendArray("matches_2d3d_sigma", matches, AppendPointSigma, &text);
+  }
+  if (std::any_of(matches.begin(), matches.end(),
+                  [](const auto& m) { return m.log_depth_sigma; })) {
+    AppendArray("matches_2d3d_log_depth_sigma", matches, AppendDepthSigma, &text);
   }
   const auto& pairs = problem.matches_2d2d;
   if (std::any_of(pairs.begin(), pairs.end(), [](const auto& m) { return m.reference_sigma_px; })) {

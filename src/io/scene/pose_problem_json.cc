@@ -276,6 +276,9 @@ PoseProblemFile ReadRoot(const JsonPlace& root) {
   ReadColumn(
       root, "matches_2d3d_sigma", problem.matches_2d3d,
       [](const JsonPlace& place, Match2D3D& match) { match.point_sigma = ReadSigma(place); });
+  ReadColumn(
+      root, "matches_2d3d_log_depth_sigma", problem.matches_2d3d,
+      [](const JsonPlace& place, Match2D3D& match) { match.log_depth_sigma = ReadSigma(place); });
   if (root.Has("reference_sigmas")) {
     problem.reference_sigmas = ReadReferenceSigmas(root.Member("reference_sigmas"));
   }
