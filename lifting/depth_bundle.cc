@@ -173,9 +173,15 @@ DepthBundle::DepthBundle(const path& file, const DepthConvention& convention)
   layer_ = arrays.LayerOf(convention.layer);
   maps_ = layout_.points ? ReadPoints(arrays, layer_, layout_) : ReadMaps(arrays, layer_, layout_);
   // A preset's tool may have written neither confidences nor poses.
-  if (!convention.confidence_pattern.empty() &&
-      (convention.confidence_threshold || arrays.Has(convention.confidence_pattern))) {
-    confidences_ = ReadMaps(arrays, convention.confidence_pattern, layout_);
+  const std::string& confidences = convention.confidence_pattern;
+  const bool are_asked_for = convention.confidence_threshold.has_value();
+  if (!confidences.empty() && (are_asked_for || arrays.Has(confidences))) {
+    try {
+      confidences_ = ReadMaps(arrays, confidences, layout_);
+    } catch (const InputError& error) {
+      if (are_asked_for) throw;
+      without_confidences_ = error.what();
+    }
   }
   const bool is_preset = !layout_.files.empty();
   if (!layout_.poses.empty() && (!is_preset || arrays.Has(layout_.poses))) {

@@ -30,6 +30,9 @@ class DepthBundle {
   StoredDepth Map(const PosedImage& image) const;
   std::optional<StoredDepth> Confidence(const PosedImage& image) const;
   bool has_confidences() const { return confidences_.has_value(); }
+  // Says why the confidences that a preset knows are not used; empty where they are, or none are
+  // there.
+  const std::string& without_confidences() const { return without_confidences_; }
 
   // InputError where points lie along the rays of their pixels in another frame than that which
   // they are said to be in.
@@ -62,6 +65,7 @@ class DepthBundle {
   BundleLayout layout_;
   NpyArray<float> maps_;
   std::optional<NpyArray<float>> confidences_;
+  std::string without_confidences_;
   std::vector<Rigid3> poses_;  // as stored; empty: there are none
   Order index_;
 };

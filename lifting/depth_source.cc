@@ -355,12 +355,20 @@ DepthFolder::DepthFolder(path folder, DepthConvention convention,
     DepthBundle::Scale scale = impl_->OpenBundle(*bundle, references);
     if (!scale.found.empty()) understood_ = ", " + scale.found;
     warnings_ = std::move(scale.warnings);
+    const std::string& without_confidences = impl_->bundle->without_confidences();
+    if (!without_confidences.empty()) {
+      warnings_.push_back(fmt::format("no confidences are used: {}", without_confidences));
+    }
   } else {
     found_at = impl_->FindMaps(references);
     const BundleLayout& layout = impl_->convention.bundle;
     if (layout.files.empty() &&
         (!layout.names_file.empty() || layout.points || !layout.poses.empty())) {
       throw InputError(impl_->folder, "names, points and poses are keys of maps that are one file");
+    }
+    // Those that a preset knows, and nobody asked for, are in that file, too.
+    if (!layout.files.empty() && !impl_->convention.confidence_threshold) {
+      impl_->convention.confidence_pattern.clear();
     }
   }
   const auto has_map = [this](const PosedImage& reference) { return impl_->Has(reference.name); };

@@ -297,6 +297,35 @@ TEST(DepthSource, ConfidenceMapsMakeHoles) {
   EXPECT_TRUE(lifts(0.4f, ",confidence_threshold=0.3"));
 }
 
+TEST(DepthSource, APresetsConfidencesAreInItsBundleAlone) {
+  const Wall wall({"a.jpg"});
+  WriteDepthFile(wall.folder / "a.npy", wall.Map(0));
+  const NamedGeometry geometry =
+      MakeGeometrySource("depth:" + wall.folder.string() + ",preset=da3,pattern={stem}.npy",
+                         {.references = wall.references});
+  EXPECT_FALSE(geometry.maps->HasConfidences());
+  EXPECT_EQ(geometry.maps->LoadConfidence(wall.references[0]), nullptr);
+  EXPECT_GT(LiftedDepth(*geometry.source, wall.references[0]), 0);
+}
+
+TEST(DepthSource, APresetsConfidencesOfAnotherShapeAreNotUsedUnlessAskedFor) {
+  const Wall wall({"a.jpg"});
+  RunProgram("/usr/bin/python3 -c \"import numpy; numpy.savez('" +
+             (wall.folder / "results.npz").string() +
+             "', depth=numpy.ones((1, 48, 64)), conf=numpy.ones((3, 48, 64)))\"");
+  const std::string spec = "depth:" + wall.folder.string() + ",preset=da3";
+  const NamedGeometry geometry = MakeGeometrySource(spec, {.references = wall.references});
+  EXPECT_FALSE(geometry.maps->HasConfidences());
+  ASSERT_EQ(geometry.warnings.size(), 1u);
+  EXPECT_NE(geometry.warnings[0].find("no confidences are used: "), std::string::npos);
+  EXPECT_NE(geometry.warnings[0].find("conf"), std::string::npos);
+  EXPECT_TRUE(FailsWithInputError(
+      [&] {
+        MakeGeometrySource(spec + ",confidence_threshold=2", {.references = wall.references});
+      },
+      {"results.npz", "conf"}));
+}
+
 TEST(DepthFolder, ManyThreadsReadEachMapThroughASmallCache) {
   std::vector<std::string> names;
   for (int i = 0; i < 12; ++i) names.push_back("r" + std::to_string(i) + ".jpg");
