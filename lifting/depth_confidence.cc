@@ -231,6 +231,17 @@ Levels Monotone(const Table& table) {
   return rising;
 }
 
+// The least sigma that a bin's n observations tell from none: it adds to their variance as much as
+// that varies by chance, sqrt(2 / n) of it.
+double LeastSigma(const Observations& observations, size_t num_bins, double noise_px) {
+  std::vector<double> gains;
+  for (const auto& of_map : observations) {
+    for (const Observation& o : of_map) gains.push_back(o.gain_px);
+  }
+  const double per_bin = static_cast<double>(gains.size()) / static_cast<double>(num_bins);
+  return noise_px / UpperMedianOr(std::move(gains), 1) * std::pow(2 / per_bin, 0.25);
+}
+
 class Likelihood {
  public:
   Likelihood(const Observations& observations, size_t num_bins, double noise_px, double extent_px,
@@ -239,7 +250,10 @@ class Likelihood {
         num_bins_(num_bins),
         noise_px_(noise_px),
         extent_px_(extent_px),
+        least_sigma_(LeastSigma(observations, num_bins, noise_px)),
         threads_(threads) {}
+
+  double Sigma(size_t level) const { return std::max(SigmaOf(level), least_sigma_); }
 
   // Levels by a choice, with the share of wrong matches that is likeliest with them.
   struct Fit {
@@ -265,7 +279,7 @@ class Likelihood {
 
  private:
   double Density(const Observation& o, size_t level) const {
-    const double sigma_px = std::hypot(noise_px_, o.gain_px * SigmaOf(level));
+    const double sigma_px = std::hypot(noise_px_, o.gain_px * Sigma(level));
     const double error = o.along_px / sigma_px;
     return std::exp(-0.5 * error * error) / (sigma_px * std::sqrt(2 * std::numbers::pi));
   }
@@ -295,7 +309,7 @@ class Likelihood {
 
   const Observations& observations_;
   size_t num_bins_;
-  double noise_px_, extent_px_;
+  double noise_px_, extent_px_, least_sigma_;
   int threads_;
 };
 
@@ -315,13 +329,14 @@ std::vector<double> HeldOut(const Likelihood::Fit& fit, Levels (*choose)(const T
 
 // Without those between two that are equal to them.
 std::vector<ConfidenceWorth::Knot> KnotsOf(const Levels& levels,
-                                           const std::vector<double>& confidences) {
+                                           const std::vector<double>& confidences,
+                                           const Likelihood& likelihood) {
   std::vector<ConfidenceWorth::Knot> knots;
   const std::vector<size_t>& of_bin = levels.of_bin;
   for (size_t i = 0; i < of_bin.size(); ++i) {
     const bool is_between =
         i > 0 && i + 1 < of_bin.size() && of_bin[i - 1] == of_bin[i] && of_bin[i + 1] == of_bin[i];
-    if (!is_between) knots.push_back({confidences[i], SigmaOf(of_bin[i])});
+    if (!is_between) knots.push_back({confidences[i], likelihood.Sigma(of_bin[i])});
   }
   return knots;
 }
@@ -330,7 +345,7 @@ std::vector<ConfidenceWorth::Knot> KnotsOf(const Levels& levels,
 
 double ConfidenceWorth::SigmaAt(double confidence) const {
   RAYLIFT_CHECK(tells());
-  if (!std::isfinite(confidence)) return std::max(knots.front().sigma, knots.back().sigma);
+  if (std::isnan(confidence)) return std::max(knots.front().sigma, knots.back().sigma);
   const auto next = std::find_if(knots.begin(), knots.end(),
                                  [&](const Knot& knot) { return knot.confidence > confidence; });
   if (next == knots.begin()) return next->sigma;
@@ -344,6 +359,7 @@ ConfidenceWorth LearnConfidence(const GeometrySource& source, const DepthFolder&
                                 const DepthAlignment& alignment,
                                 std::span<const PosedImage> references,
                                 std::span<const ReferenceMatch> matches, int threads) {
+  constexpr double kFewestMaps = 8;
   const auto halves = HalvesByReference(matches, references.size());
   Observations observations(references.size());
   ParallelFor(references.size(), threads, [&](size_t i) {
@@ -370,7 +386,7 @@ ConfidenceWorth LearnConfidence(const GeometrySource& source, const DepthFolder&
   const Likelihood likelihood(observations, confidences.size(), noise_px, extent_px, threads);
   const Likelihood::Fit common = likelihood.FitBy(&SameForAll);
   const Likelihood::Fit monotone = likelihood.FitBy(&Monotone);
-  worth.common_sigma = SigmaOf(common.levels.of_bin.front());
+  worth.common_sigma = likelihood.Sigma(common.levels.of_bin.front());
   const std::vector<double> by_common = HeldOut(common, &SameForAll);
   const std::vector<double> by_monotone = HeldOut(monotone, &Monotone);
   double squares = 0;
@@ -379,9 +395,13 @@ ConfidenceWorth LearnConfidence(const GeometrySource& source, const DepthFolder&
     worth.gain += difference;
     squares += difference * difference;
   }
-  const double variance = squares - worth.gain * worth.gain / static_cast<double>(by_common.size());
+  const auto num_maps = static_cast<double>(by_common.size());
+  const double variance =
+      (squares - worth.gain * worth.gain / num_maps) * num_maps / (num_maps - 1);
   worth.gain_sigma = std::sqrt(std::max(variance, 0.0));
-  if (worth.gain > 2 * worth.gain_sigma) worth.knots = KnotsOf(monotone.levels, confidences);
+  if (num_maps >= kFewestMaps && worth.gain > 2 * worth.gain_sigma) {
+    worth.knots = KnotsOf(monotone.levels, confidences, likelihood);
+  }
   return worth;
 }
 

@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <functional>
+#include <limits>
 
 #include "lifting/alignment_text.h"
 #include "lifting/room.h"
@@ -21,7 +22,9 @@ constexpr double kBestSigma = 0.02;
 class NoisyMaps {
  public:
   // Says what confidence there is of a deviation.
-  NoisyMaps(const Room& room, const std::function<double(double sigma)>& confidence_of, Rng& rng)
+  NoisyMaps(const Room& room, const std::function<double(double sigma)>& confidence_of, Rng& rng,
+            double best_sigma = kBestSigma, double worst_sigma = 5 * kBestSigma,
+            DepthInterpolation interpolation = DepthInterpolation::kNearest)
       : room_(room), folder_(TestFolder()) {
     for (const PosedImage& reference : room.references) {
       const Camera& camera = reference.camera;
@@ -32,7 +35,7 @@ class NoisyMaps {
       const auto points = room.walls->Lift(reference, pixels);
       DepthMap depth{kWidth, kHeight, {}}, confidence = depth;
       for (size_t i = 0; i < pixels.size(); ++i) {
-        const double sigma = SigmaAt(camera, pixels[i]);
+        const double sigma = pixels[i].x() < camera.width_px() / 2 ? best_sigma : worst_sigma;
         depth.z.push_back(static_cast<float>(points[i]->depth_z * std::exp(sigma * rng.Normal())));
         confidence.z.push_back(static_cast<float>(confidence_of(sigma)));
       }
@@ -46,11 +49,7 @@ class NoisyMaps {
                         .confidence_threshold = std::nullopt},
         room.references);
     source_ = std::make_shared<const DepthSource>(
-        "noisy", maps_, DepthSamplingOptions{.interpolation = DepthInterpolation::kNearest});
-  }
-
-  static double SigmaAt(const Camera& camera, const Eigen::Vector2d& pixel) {
-    return pixel.x() < camera.width_px() / 2 ? kBestSigma : 5 * kBestSigma;
+        "noisy", maps_, DepthSamplingOptions{.interpolation = interpolation});
   }
 
   ConfidenceWorth Learn(int threads, Rng& rng) const {
@@ -106,6 +105,37 @@ TEST(LearnConfidence, IsTheSameForAnyNumberOfThreads) {
   const ConfidenceWorth one = maps.Learn(1, once), four = maps.Learn(4, again);
   EXPECT_EQ(one.gain, four.gain);
   EXPECT_EQ(one.common_sigma, four.common_sigma);
+}
+
+TEST(LearnConfidence, OfFewMapsTellsNothing) {
+  Rng rng = TestRng();
+  const Room room(7, rng);
+  const ConfidenceWorth worth = NoisyMaps(
+                                    room, [](double sigma) { return sigma; }, rng)
+                                    .Learn(1, rng);
+  EXPECT_GT(worth.gain, 2 * worth.gain_sigma);
+  EXPECT_FALSE(worth.tells());
+}
+
+TEST(LearnConfidence, ClaimsNoSmallerDeviationThanKeypointsTell) {
+  Rng rng = TestRng();
+  const Room room(8, rng);
+  const ConfidenceWorth worth =
+      NoisyMaps(
+          room, [](double sigma) { return sigma; }, rng, 1e-6, 0.05, DepthInterpolation::kEdgeAware)
+          .Learn(1, rng);
+  ASSERT_TRUE(worth.tells());
+  // A pixel of noise at some hundred pixels per unit of log depth, by some hundred matches a bin.
+  EXPECT_GT(worth.knots.front().sigma, 2e-4);
+  EXPECT_LT(worth.knots.front().sigma, 0.01);
+}
+
+TEST(ConfidenceWorth, IsConstantBeyondItsKnots) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  const ConfidenceWorth worth = {.knots = {{1, 0.3}, {2, 0.01}}};
+  EXPECT_EQ(worth.SigmaAt(kInfinity), 0.01);
+  EXPECT_EQ(worth.SigmaAt(-kInfinity), 0.3);
+  EXPECT_EQ(worth.SigmaAt(std::nan("")), 0.3);
 }
 
 TEST(WeighedSource, GivesPointsTheDeviationsOfTheirConfidences) {

@@ -2,10 +2,12 @@
 
 #include <cmath>
 #include <limits>
+#include <string>
 
 #include "support/matchers.h"
 #include "support/room_scene.h"
 #include "support/test_data.h"
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include "raylift/base/file.h"
@@ -65,6 +67,21 @@ TEST(SceneCalibration, MalformedFilesAreNamed) {
   std::string text = FormatSceneCalibration(MakeCalibration());
   text.replace(text.find("\"columns\":2"), 11, "\"columns\":9");
   EXPECT_TRUE(FailsWithInputError([&] { ParseSceneCalibration(text); }, {"left.jpg", "9 x 1"}));
+}
+
+TEST(SceneCalibration, WhatConfidencesAreWorthRises) {
+  const auto fails = [](const ConfidenceWorth::Knot& last, const std::string& says) {
+    SceneCalibration calibration = MakeCalibration();
+    std::string text = FormatSceneCalibration(calibration);
+    const std::string before = "\"confidence\":0.9,\"sigma\":0.01";
+    EXPECT_NE(text.find(before), std::string::npos) << text;
+    text.replace(text.find(before), before.size(),
+                 fmt::format("\"confidence\":{},\"sigma\":{}", last.confidence, last.sigma));
+    return FailsWithInputError([&] { ParseSceneCalibration(text); }, {"knots", says});
+  };
+  EXPECT_TRUE(fails({0.1, 0.01}, "expected rising confidences, found 0.1 after 0.142857"));
+  EXPECT_TRUE(fails({0.9, 0}, "expected positive sigmas, found 0"));
+  EXPECT_TRUE(fails({0.9, -1}, "expected positive sigmas, found -1"));
 }
 
 class CalibratedRoom : public ::testing::Test {

@@ -9,7 +9,8 @@
 //
 // where sigma(c) is a monotone function of the confidence c, falling or rising, of the greatest
 // likelihood. It counts where it predicts the matches of references that it was not learned from
-// better than one sigma of all depths does, by more than two standard errors.
+// better than one sigma of all depths does, by more than two standard errors over eight maps or
+// more.
 
 #pragma once
 
@@ -38,8 +39,8 @@ struct ConfidenceWorth {
   double gain_sigma = 0;
 
   bool tells() const { return !knots.empty(); }
-  // Returns the sigma of a confidence, whose logarithm is linear between knots: the largest one
-  // where it is not finite. Only where confidences tell anything.
+  // Returns the sigma of a confidence, whose logarithm is linear between knots and constant beyond
+  // them: the largest one where it is not a number. Only where confidences tell anything.
   double SigmaAt(double confidence) const;
 };
 

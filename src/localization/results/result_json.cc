@@ -3,6 +3,7 @@
 #include <cmath>
 #include <limits>
 #include <optional>
+#include <vector>
 
 #include "estimation/fields.h"
 #include "geometry/pose_json.h"
@@ -84,12 +85,25 @@ void Members(JsonMembers& members, ConfidenceWorth::Knot& knot) {
   members("sigma", knot.sigma);
 }
 
+void ExpectRising(JsonMembers& members, const std::vector<ConfidenceWorth::Knot>& knots) {
+  for (size_t i = 0; i < knots.size(); ++i) {
+    if (i > 0 && !(knots[i - 1].confidence < knots[i].confidence)) {
+      members.Fail("knots", fmt::format("expected rising confidences, found {} after {}",
+                                        knots[i].confidence, knots[i - 1].confidence));
+    }
+    if (!(knots[i].sigma > 0) || !std::isfinite(knots[i].sigma)) {
+      members.Fail("knots", fmt::format("expected positive sigmas, found {}", knots[i].sigma));
+    }
+  }
+}
+
 void Members(JsonMembers& members, ConfidenceWorth& worth) {
   members("knots", worth.knots);
   members("common_sigma", worth.common_sigma);
   members("matches", worth.num_matches);
   members("gain", worth.gain);
   members("gain_sigma", worth.gain_sigma);
+  ExpectRising(members, worth.knots);
 }
 
 void Members(JsonMembers& members, SceneCalibration& calibration) {
