@@ -192,7 +192,7 @@ InlierEvidence InlierAssessor::Assess(const CamFromLocal& pose) const {
   }
   evidence.paired_right = std::max(0.0, evidence.paired - wrong_2d2d);
   evidence.line_chance =
-      std::min(1.0, Widening2D3D(pose) * 2 * threshold_2d3d / std::sqrt(area_px2_));
+      std::min(1.0, std::sqrt(Widening2D3D(pose)) * 2 * threshold_2d3d / std::sqrt(area_px2_));
   if (!cells.empty()) {
     evidence.clustering =
         static_cast<double>(evidence.inlier_keypoints) / static_cast<double>(cells.size());
