@@ -247,15 +247,14 @@ struct DepthFolder::Impl {
   }
 
   std::optional<StoredDepth> ReadConfidence(const PosedImage& reference) const {
+    std::optional<StoredDepth> stored;
     if (bundle) {
-      auto stored = bundle->Confidence(reference);
-      if (stored) stored = OnImage(*std::move(stored), reference);
-      return stored;
+      stored = bundle->Confidence(reference);
+    } else if (!convention.confidence_pattern.empty()) {
+      stored = ReadDepthFile(folder / ExpandPattern(convention.confidence_pattern, reference.name));
     }
-    if (convention.confidence_pattern.empty()) return std::nullopt;
-    StoredDepth stored =
-        ReadDepthFile(folder / ExpandPattern(convention.confidence_pattern, reference.name));
-    return OnImage(std::move(stored), reference);
+    if (stored) stored = OnImage(*std::move(stored), reference);
+    return stored;
   }
 
   MapPointer ReadConfidences(const PosedImage& reference) const {
@@ -414,8 +413,8 @@ DepthFolder::~DepthFolder() = default;
 const DepthConvention& DepthFolder::convention() const { return impl_->convention; }
 
 std::shared_ptr<const DepthMap> DepthFolder::Load(const PosedImage& reference) const {
-  if (!impl_->Has(reference.name)) return nullptr;
-  return impl_->Load(reference.name, reference, &Impl::Read);
+  const std::string& name = reference.name;
+  return impl_->Has(name) ? impl_->Load(name, reference, &Impl::Read) : nullptr;
 }
 
 bool DepthFolder::HasConfidences() const {
