@@ -22,45 +22,6 @@
 namespace raylift {
 namespace {
 
-std::optional<DepthObservation> MakeObservation(const PosedImage& map, const PosedImage& other,
-                                                const HalfMatch& match, double z,
-                                                const AlignOptions& options) {
-  const auto line_in_other = LineInOther(map, match.pixel, other);
-  const auto epipolar = SampsonError(map.camera, map.cam_from_world, match.pixel, other.camera,
-                                     other.cam_from_world, match.other_px);
-  if (!line_in_other || !epipolar || std::abs(epipolar->error_px) > options.epipolar_threshold_px) {
-    return std::nullopt;
-  }
-  return DepthObservation{.pixel = match.pixel,
-                          .z = z,
-                          .other = match.other,
-                          .epipolar_px = std::abs(epipolar->error_px),
-                          .line_in_other = *line_in_other,
-                          .other_camera = &other.camera,
-                          .other_px = match.other_px};
-}
-
-// Returns the matches near their epipolar lines whose keypoints have depth.
-std::vector<DepthObservation> ObserveDepth(const GeometrySource& source,
-                                           std::span<const PosedImage> references,
-                                           const PosedImage& map,
-                                           const std::vector<HalfMatch>& matches,
-                                           const AlignOptions& options) {
-  std::vector<Eigen::Vector2d> pixels;
-  pixels.reserve(matches.size());
-  for (const HalfMatch& match : matches) pixels.push_back(match.pixel);
-  const auto points = source.Lift(map, pixels);
-  std::vector<DepthObservation> observations;
-  for (size_t i = 0; i < matches.size(); ++i) {
-    if (!points[i]) continue;
-    const PosedImage& other = references[static_cast<size_t>(matches[i].other)];
-    if (const auto made = MakeObservation(map, other, matches[i], points[i]->depth_z, options)) {
-      observations.push_back(*made);
-    }
-  }
-  return observations;
-}
-
 // Returns how far the projections are from the matches: infinitely where there is none.
 std::vector<double> MatchDistances(const std::vector<DepthObservation>& observations,
                                    const Camera& camera, const DepthCorrection& correction) {
@@ -72,15 +33,6 @@ std::vector<double> MatchDistances(const std::vector<DepthObservation>& observat
                                   : std::numeric_limits<double>::infinity());
   }
   return distances;
-}
-
-// The part of a map's image, of kPlacesPerSide squared, that a pixel is in.
-int PlaceOf(const Eigen::Vector2d& pixel, const Camera& camera) {
-  const auto along = [](double at, int size) {
-    return static_cast<int>(std::clamp(at / size * kPlacesPerSide, 0.0, kPlacesPerSide - 1.0));
-  };
-  return along(pixel.y(), camera.height_px()) * kPlacesPerSide +
-         along(pixel.x(), camera.width_px());
 }
 
 double RobustLogFactor(const std::vector<DepthObservation>& observations) {
@@ -268,7 +220,8 @@ DepthAlignment AlignDepth(const GeometrySource& source, std::span<const PosedIma
   const auto halves = HalvesByReference(matches, references.size());
   std::vector<std::vector<DepthObservation>> observations(references.size());
   ParallelFor(references.size(), threads, [&](size_t i) {
-    observations[i] = ObserveDepth(source, references, references[i], halves[i], options);
+    observations[i] =
+        ObserveDepth(source, references, references[i], halves[i], options.epipolar_threshold_px);
   });
   const FactorBeliefs beliefs = BeliefsOf(observations, references, threads);
   std::vector<std::vector<DepthObservation>> believed(references.size());

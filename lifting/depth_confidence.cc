@@ -55,38 +55,10 @@ std::optional<Observation> Observe(const DepthObservation& seen, double z) {
                      .gain_px = gain_px};
 }
 
-// The matches of a map's keypoints that have depth.
-std::vector<DepthObservation> MatchesWithDepth(const GeometrySource& source,
-                                               std::span<const PosedImage> references,
-                                               const PosedImage& map,
-                                               const std::vector<HalfMatch>& matches) {
-  std::vector<Eigen::Vector2d> pixels;
-  for (const HalfMatch& match : matches) pixels.push_back(match.pixel);
-  const auto points = source.Lift(map, pixels);
-  std::vector<DepthObservation> seen;
-  for (size_t i = 0; i < matches.size(); ++i) {
-    const PosedImage& other = references[static_cast<size_t>(matches[i].other)];
-    const auto line = LineInOther(map, matches[i].pixel, other);
-    if (!points[i] || !line) continue;
-    seen.push_back({.pixel = matches[i].pixel,
-                    .z = points[i]->depth_z,
-                    .other = matches[i].other,
-                    .epipolar_px = 0,
-                    .line_in_other = *line,
-                    .other_camera = &other.camera,
-                    .other_px = matches[i].other_px});
-  }
-  return seen;
-}
-
 // The half of the map's places that a pixel is in: as the squares of a chessboard.
 size_t HalfOf(const Eigen::Vector2d& pixel, const Camera& camera) {
-  const auto place = [](double at, int size_px) {
-    return static_cast<int>(at / size_px * kPlacesPerSide);
-  };
-  return static_cast<size_t>(place(pixel.x(), camera.width_px()) +
-                             place(pixel.y(), camera.height_px())) %
-         2;
+  const int place = PlaceOf(pixel, camera);
+  return static_cast<size_t>(place / kPlacesPerSide + place % kPlacesPerSide) % 2;
 }
 
 // Returns the correction of each half of a map's places by the matches of the other half: those
@@ -366,7 +338,8 @@ ConfidenceWorth LearnConfidence(const GeometrySource& source, const DepthFolder&
     const auto confidences = maps.LoadConfidence(references[i]);
     if (confidences == nullptr) return;
     const Camera& camera = references[i].camera;
-    const auto seen = MatchesWithDepth(source, references, references[i], halves[i]);
+    const auto seen = ObserveDepth(source, references, references[i], halves[i],
+                                   std::numeric_limits<double>::infinity());
     const MapAlignment map = alignment.maps.empty() ? MapAlignment() : alignment.maps[i];
     observations[i] = ObserveMap(seen, *confidences, camera,
                                  HeldOutCorrections(seen, camera, alignment.mode, map));

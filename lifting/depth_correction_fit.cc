@@ -8,6 +8,8 @@
 #include "base/statistics.h"
 #include <ceres/ceres.h>
 
+#include "raylift/geometry/residuals.h"
+
 namespace raylift {
 namespace {
 
@@ -119,6 +121,35 @@ void AddKnownFactor(const KnownFactor& known, size_t num_nodes, double depth,
 }
 
 }  // namespace
+
+std::vector<DepthObservation> ObserveDepth(const GeometrySource& source,
+                                           std::span<const PosedImage> references,
+                                           const PosedImage& map,
+                                           const std::vector<HalfMatch>& matches,
+                                           double max_epipolar_px) {
+  std::vector<Eigen::Vector2d> pixels;
+  pixels.reserve(matches.size());
+  for (const HalfMatch& match : matches) pixels.push_back(match.pixel);
+  const auto points = source.Lift(map, pixels);
+  std::vector<DepthObservation> observations;
+  for (size_t i = 0; i < matches.size(); ++i) {
+    if (!points[i]) continue;
+    const HalfMatch& match = matches[i];
+    const PosedImage& other = references[static_cast<size_t>(match.other)];
+    const auto line = LineInOther(map, match.pixel, other);
+    const auto epipolar = SampsonError(map.camera, map.cam_from_world, match.pixel, other.camera,
+                                       other.cam_from_world, match.other_px);
+    if (!line || !epipolar || std::abs(epipolar->error_px) > max_epipolar_px) continue;
+    observations.push_back({.pixel = match.pixel,
+                            .z = points[i]->depth_z,
+                            .other = match.other,
+                            .epipolar_px = std::abs(epipolar->error_px),
+                            .line_in_other = *line,
+                            .other_camera = &other.camera,
+                            .other_px = match.other_px});
+  }
+  return observations;
+}
 
 DepthCorrection FitCorrection(const std::vector<DepthObservation>& observations,
                               const Camera& camera, double log_factor,

@@ -3,12 +3,15 @@
 #pragma once
 
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "geometry/triangulation.h"
+#include "lifting/reference_matches.h"
 #include <Eigen/Core>
 
 #include "raylift/lifting/depth_alignment.h"
+#include "raylift/lifting/geometry_source.h"
 
 namespace raylift {
 
@@ -22,6 +25,14 @@ struct DepthObservation {
   const Camera* other_camera;
   Eigen::Vector2d other_px;
 };
+
+// Returns the matches of a map's keypoints that have depth, up to so many pixels from their epipolar
+// lines.
+std::vector<DepthObservation> ObserveDepth(const GeometrySource& source,
+                                           std::span<const PosedImage> references,
+                                           const PosedImage& map,
+                                           const std::vector<HalfMatch>& matches,
+                                           double max_epipolar_px);
 
 // A map's log factor before a fit, and how surely it is known.
 struct KnownFactor {

@@ -278,6 +278,14 @@ FactorBelief Believe(std::span<const PatchMatches> patches, const MapCurves& cur
 
 }  // namespace
 
+int PlaceOf(const Eigen::Vector2d& pixel, const Camera& camera) {
+  const auto along = [](double at, int size) {
+    return static_cast<int>(std::clamp(at / size * kPlacesPerSide, 0.0, kPlacesPerSide - 1.0));
+  };
+  return along(pixel.y(), camera.height_px()) * kPlacesPerSide +
+         along(pixel.x(), camera.width_px());
+}
+
 FactorBeliefs BelieveFactors(std::span<const MapMatches> maps, double keypoint_sigma_px,
                              int threads) {
   const Nodes nodes(maps);

@@ -28,11 +28,18 @@
 #include <span>
 #include <vector>
 
+#include <Eigen/Core>
+
+#include "raylift/geometry/camera.h"
+
 namespace raylift {
 
 // An image's side is so many places, and a patch's.
 inline constexpr int kPlacesPerSide = 16;
 inline constexpr int kPlacesPerPatchSide = 4;
+
+// Returns the place of a map's image that a pixel is in, below kPlacesPerSide^2, row by row.
+int PlaceOf(const Eigen::Vector2d& pixel, const Camera& camera);
 
 struct FactorMatch {
   int other;          // reference

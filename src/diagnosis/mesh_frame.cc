@@ -12,6 +12,7 @@
 #include "base/statistics.h"
 #include "diagnosis/match_agreement.h"
 #include "diagnosis/stored_faults.h"
+#include "geometry/signed_permutations.h"
 #include "lifting/mesh_spec.h"
 #include "surfaces/surface_samples.h"
 #include <Eigen/Geometry>
@@ -28,22 +29,6 @@ constexpr double kLeastGainPx = 10;
 // Scales that meshes come in beside the right one.
 constexpr std::array<double, 13> kUsualScales = {
     1, 0.001, 0.01, 0.1, 10, 100, 1000, 0.5, 2, 0.0254, 1 / 0.0254, 0.3048, 1 / 0.3048};
-
-// The 48 signed permutations, identity first.
-std::vector<Eigen::Matrix3d> AllAxes() {
-  std::vector<Eigen::Matrix3d> all;
-  std::array<int, 3> order = {0, 1, 2};
-  do {
-    for (int signs = 0; signs < 8; ++signs) {
-      Eigen::Matrix3d axes = Eigen::Matrix3d::Zero();
-      for (int row = 0; row < 3; ++row) {
-        axes(row, order[static_cast<size_t>(row)]) = (signs >> row) % 2 == 0 ? 1 : -1;
-      }
-      all.push_back(axes);
-    }
-  } while (std::next_permutation(order.begin(), order.end()));
-  return all;
-}
 
 Eigen::Vector3d Quantile(std::span<const Eigen::Vector3d> points, double share) {
   Eigen::Vector3d quantile;
@@ -281,7 +266,7 @@ std::vector<MeshFrameSearch::Candidate> MeshFrameSearch::ScaledAboutOrigin() con
   const double largest = std::log(2e4);
   const auto few = std::span(fitting_).first(std::min<size_t>(48, fitting_.size()));
   const auto more = std::span(fitting_).first(std::min<size_t>(300, fitting_.size()));
-  const std::vector<Eigen::Matrix3d> all_axes = AllAxes();
+  const std::vector<Eigen::Matrix3d> all_axes = SignedPermutations();
   std::vector<std::vector<Candidate>> of_axes(all_axes.size());
   ParallelFor(all_axes.size(), threads_, [&](size_t a) {
     std::vector<Candidate>& candidates = of_axes[a];
@@ -340,7 +325,7 @@ std::vector<MeshFrameSearch::Candidate> MeshFrameSearch::Shifted() const {
     constexpr double kLargest = 12;
     const double ratio = scale * mesh_extent / extent;
     if (ratio < kSmallest || ratio > kLargest) continue;
-    for (const Eigen::Matrix3d& axes : AllAxes()) starts.push_back({axes, scale});
+    for (const Eigen::Matrix3d& axes : SignedPermutations()) starts.push_back({axes, scale});
   }
   const auto some = std::span(fitting_).first(std::min<size_t>(200, fitting_.size()));
   std::vector<std::vector<Candidate>> of_start(starts.size());

@@ -7,7 +7,9 @@
 #include <vector>
 
 #include "base/statistics.h"
+#include "geometry/signed_permutations.h"
 #include <Eigen/Geometry>
+#include <Eigen/LU>
 
 namespace raylift {
 namespace {
@@ -33,22 +35,6 @@ Step StepOf(const Rigid3& later, const Rigid3& earlier) {
   const Rigid3 step = later * earlier.Inverse();
   const Eigen::AngleAxisd turn(step.rotation);
   return {step.OriginInSource(), turn.angle() * turn.axis()};
-}
-
-// All rotations that take axes to axes.
-std::vector<Matrix3d> AxisRotations() {
-  std::vector<Matrix3d> rotations;
-  for (int x = 0; x < 6; ++x) {
-    for (int y = 0; y < 6; ++y) {
-      if (x % 3 == y % 3) continue;
-      Matrix3d rotation;
-      rotation.col(0) = (x < 3 ? 1 : -1) * Vector3d::Unit(x % 3);
-      rotation.col(1) = (y < 3 ? 1 : -1) * Vector3d::Unit(y % 3);
-      rotation.col(2) = rotation.col(0).cross(rotation.col(1));
-      rotations.push_back(rotation);
-    }
-  }
-  return rotations;
 }
 
 double DegBetween(const Vector3d& a, const Vector3d& b) {
@@ -107,8 +93,8 @@ std::optional<BetterReading> FindBetterReading(std::span<const WalkEvidence> fra
   OdometryReading best;
   double least = as_read, second = HUGE_VAL;
   for (const bool inverted : {false, true}) {
-    for (const Matrix3d& rotation : AxisRotations()) {
-      if (rotation.isIdentity() && !inverted) continue;
+    for (const Matrix3d& rotation : SignedPermutations()) {
+      if (rotation.determinant() < 0 || (rotation.isIdentity() && !inverted)) continue;
       const OdometryReading reading{rotation, inverted};
       const double median = MedianDeg(directions, reading);
       if (median < least) {
