@@ -143,13 +143,8 @@ def main():
             if grown > open_now * MOST_BYTES:
                 wrong.append(f"memory grows by {grown} bytes")
             wrong += room.wait_until_idle(server)
-            code, said = server.end()
-            if code != 0 or said:
-                wrong.append(f"the server ended with {code}: {said}")
-    for text in wrong[:20]:
-        print(text)
-    if wrong:
-        sys.exit(f"{len(wrong)} failures")
+            wrong += room.wrong_at_the_end(server)
+    room.conclude(wrong)
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ import signal
 import socket
 import struct
 import subprocess
+import sys
 import time
 
 import faults_test as faults
@@ -295,3 +296,17 @@ def wait_until_idle(server):
             return []
         time.sleep(0.1)
     return [f"at the end there is still {held}"]
+
+
+def wrong_at_the_end(server):
+    """Ends the server; what is wrong with that."""
+    code, said = server.end()
+    return [f"the server ended with {code}: {said}"] if code != 0 or said else []
+
+
+def conclude(wrong):
+    """Ends the test."""
+    for text in wrong[:20]:
+        print(text)
+    if wrong:
+        sys.exit(f"{len(wrong)} failures")

@@ -11,7 +11,6 @@ import argparse
 import pathlib
 import random
 import shutil
-import sys
 import threading
 import time
 
@@ -122,13 +121,8 @@ def main():
                     wrong.append(f"resident memory: {soak.resident}")
             print(told, flush=True)
         wrong += room.wait_until_idle(server) if server.process.poll() is None else []
-        code, said = server.end()
-        if code != 0 or said:
-            wrong.append(f"the server ended with {code}: {said}")
-    for text in wrong[:20]:
-        print(text)
-    if wrong:
-        sys.exit(f"{len(wrong)} failures")
+        wrong += room.wrong_at_the_end(server)
+    room.conclude(wrong)
 
 
 if __name__ == "__main__":
