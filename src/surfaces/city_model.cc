@@ -129,17 +129,11 @@ void CityMesh::AddPolygon(const Place& place, std::vector<std::vector<Eigen::Vec
   if (mesh_.positions.size() >= UINT32_MAX) throw InputError(path_, "has more than 2^32 corners");
   if (corners.size() > kMaxPolygonCorners) ++too_large_;
   const size_t added = AddFace(num_polygons_++, corners, {}, mesh_, hole_begins);
-  mesh_.triangle_materials.insert(mesh_.triangle_materials.end(), added, MaterialOf(kind));
+  mesh_.triangle_materials.insert(
+      mesh_.triangle_materials.end(), added,
+      kind.empty() ? RawMesh::kNone : MaterialOf(kind, material_of_kind_, mesh_));
   mesh_.triangle_parts.insert(mesh_.triangle_parts.end(), added,
                               static_cast<uint32_t>(mesh_.parts.size()) - 1);
-}
-
-uint32_t CityMesh::MaterialOf(std::string_view kind) {
-  if (kind.empty()) return RawMesh::kNone;
-  const auto next = static_cast<uint32_t>(mesh_.materials.size());
-  const auto [entry, is_new] = material_of_kind_.try_emplace(std::string(kind), next);
-  if (is_new) mesh_.materials.push_back({.name = entry->first});
-  return entry->second;
 }
 
 void CityMesh::Warn(const std::string& message) {

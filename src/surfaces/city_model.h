@@ -54,8 +54,6 @@ class CityMesh {
   RawMesh Finish() &&;
 
  private:
-  uint32_t MaterialOf(std::string_view kind);
-
   std::filesystem::path path_;
   size_t left_to_read_;
   size_t num_polygons_ = 0;

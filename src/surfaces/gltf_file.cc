@@ -183,11 +183,7 @@ std::optional<std::string> GltfFile::DataOfUri(const JsonPlace& uri) const {
     if (comma == std::string::npos || !text.substr(0, comma).ends_with(";base64")) {
       uri.Fail("expected data in base64");
     }
-    try {
-      return DecodeBase64(std::string_view(text).substr(comma + 1));
-    } catch (const InputError& error) {
-      uri.Fail(error.what());
-    }
+    return uri.Blame([&] { return DecodeBase64(std::string_view(text).substr(comma + 1)); });
   }
   // What is shown as a picture or written as a mesh may not be any file of this machine.
   if (const std::string named = DecodedUri(text); !MayBeRead(named)) {
@@ -251,14 +247,11 @@ const GltfFile::View& GltfFile::ViewAt(const JsonPlace& index) {
     const MeshoptView kind{text("mode"), text("filter"), CountOf(compressed, "count", 0),
                            CountOf(compressed, "byteStride", 0)};
     const std::string_view bytes = PartOfBuffer(compressed);
-    try {
-      // Views of the same bytes are decompressed each.
-      num_decompressed_ += bytes.size();
-      if (num_decompressed_ > NumBytes()) throw InputError("others have the same bytes");
-      view.bytes = decoded_.emplace_back(DecodeMeshopt(bytes, kind));
-    } catch (const InputError& error) {
-      compressed.Fail(error.what());
-    }
+    // Views of the same bytes are decompressed each.
+    num_decompressed_ += bytes.size();
+    if (num_decompressed_ > NumBytes()) compressed.Fail("others have the same bytes");
+    view.bytes =
+        decoded_.emplace_back(compressed.Blame([&] { return DecodeMeshopt(bytes, kind); }));
   });
   if (!is_compressed) view.bytes = PartOfBuffer(place);
   return view;

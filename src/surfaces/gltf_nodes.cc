@@ -40,7 +40,7 @@ class NodePlacer {
              const Eigen::Matrix3d& z_up_from_gltf)
       : path_(path), file_(file), z_up_from_gltf_(z_up_from_gltf) {}
 
-  std::vector<PlacedMesh> Place() {
+  std::vector<GltfInstance> Place() {
     PlaceScene(RootFromScene());
     return std::move(placed_);
   }
@@ -156,15 +156,16 @@ class NodePlacer {
   GltfFile& file_;
   const Eigen::Matrix3d z_up_from_gltf_;
   std::vector<bool> is_placed_;  // each node
-  std::vector<PlacedMesh> placed_;
+  std::vector<GltfInstance> placed_;
 };
 
-std::vector<PlacedMesh> Copied(const std::filesystem::path& path, std::span<const PlacedMesh> scene,
-                               std::span<const Affine3d> copies) {
+std::vector<GltfInstance> Copied(const std::filesystem::path& path,
+                                 std::span<const GltfInstance> scene,
+                                 std::span<const Affine3d> copies) {
   if (scene.size() * copies.size() > kMaxPlacedMeshes) FailOfManyMeshes(path);
-  std::vector<PlacedMesh> placed;
+  std::vector<GltfInstance> placed;
   for (size_t i = 0; i < copies.size(); ++i) {
-    for (const PlacedMesh& mesh : scene) {
+    for (const GltfInstance& mesh : scene) {
       placed.push_back({mesh.index, copies[i] * mesh.root_from_mesh,
                         PartName(fmt::format("[{}]", i), mesh.name)});
     }
@@ -180,10 +181,10 @@ void FailOfManyMeshes(const std::filesystem::path& path) {
                                      kMaxPlacedMeshes, kMaxPlacedParts));
 }
 
-std::vector<PlacedMesh> PlaceMeshes(const std::filesystem::path& path, GltfFile& file,
-                                    const Eigen::Matrix3d& z_up_from_gltf,
-                                    std::span<const Affine3d> copies) {
-  std::vector<PlacedMesh> placed = NodePlacer(path, file, z_up_from_gltf).Place();
+std::vector<GltfInstance> PlaceMeshes(const std::filesystem::path& path, GltfFile& file,
+                                      const Eigen::Matrix3d& z_up_from_gltf,
+                                      std::span<const Affine3d> copies) {
+  std::vector<GltfInstance> placed = NodePlacer(path, file, z_up_from_gltf).Place();
   return copies.empty() ? placed : Copied(path, placed, copies);
 }
 

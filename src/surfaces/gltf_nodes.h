@@ -13,7 +13,8 @@
 
 namespace raylift {
 
-struct PlacedMesh {
+// A mesh of the file where a node (or an instance of it) puts it.
+struct GltfInstance {
   size_t index;
   Eigen::Affine3d root_from_mesh;
   std::string name;  // PartName()
@@ -22,9 +23,9 @@ struct PlacedMesh {
 // Returns the meshes of the shown scene in the order of its tree, those of instanced nodes
 // (EXT_mesh_gpu_instancing) once for each, and all of them for each of `copies`, if there are any.
 // `z_up_from_gltf`: of CESIUM_RTC's axes. Throws InputError where nodes are no tree or too many.
-std::vector<PlacedMesh> PlaceMeshes(const std::filesystem::path& path, GltfFile& file,
-                                    const Eigen::Matrix3d& z_up_from_gltf,
-                                    std::span<const Eigen::Affine3d> copies);
+std::vector<GltfInstance> PlaceMeshes(const std::filesystem::path& path, GltfFile& file,
+                                      const Eigen::Matrix3d& z_up_from_gltf,
+                                      std::span<const Eigen::Affine3d> copies);
 
 [[noreturn]] void FailOfManyMeshes(const std::filesystem::path& path);
 

@@ -44,7 +44,7 @@ uint8_t ByteOfLinear(float linear) {
 
 // What the triangles of a material need besides its color or picture.
 struct UvUse {
-  int set = 0;
+  uint64_t set = 0;
   // u to the right, v down.
   Eigen::Affine2d uv_transform = Eigen::Affine2d::Identity();
 };
@@ -52,13 +52,13 @@ struct UvUse {
 // translation * rotation * scale, where the rotation is counter-clockwise as a picture is looked
 // at.
 UvUse UvUseOf(const JsonPlace& texture) {
-  UvUse use{.set = static_cast<int>(CountOf(texture, "texCoord", 0))};
+  UvUse use{.set = CountOf(texture, "texCoord", 0)};
   IfThere(texture, {"extensions", "KHR_texture_transform"}, [&](const JsonPlace& transform) {
     const Eigen::Vector2d offset = VectorOr<2>(transform, "offset", {0, 0});
     const Eigen::Vector2d scale = VectorOr<2>(transform, "scale", {1, 1});
     double angle = 0;
     IfThere(transform, {"rotation"}, [&](const JsonPlace& rotation) { angle = rotation.Number(); });
-    use.set = static_cast<int>(CountOf(transform, "texCoord", static_cast<uint64_t>(use.set)));
+    use.set = CountOf(transform, "texCoord", use.set);
     use.uv_transform =
         Eigen::Translation2d(offset) * Eigen::Rotation2Dd(-angle) * Eigen::Scaling(scale);
   });
@@ -100,23 +100,19 @@ class GltfReader {
     for (size_t i = 0; i < file_.CountItems("materials"); ++i) {
       AddMaterial(file_.Item("materials", i));
     }
-    if (!mesh_.materials.empty()) {  // what primitives without one are like, the last of all
-      mesh_.materials.push_back({.color_rgb = kWhite});
-      uv_uses_.emplace_back();
-    }
+    // What primitives without one are like, the last of all.
+    uv_uses_.emplace_back();
+    if (!mesh_.materials.empty()) mesh_.materials.push_back({.color_rgb = kWhite});
     std::map<size_t, size_t> uses;
-    std::vector<PlacedMesh> placed = PlaceMeshes(path_, file_, z_up_from_gltf_, copies);
-    for (const PlacedMesh& mesh : placed) ++uses[mesh.index];
-    std::map<size_t, std::vector<Primitive>> shared;
-    for (PlacedMesh& mesh : placed) {
+    std::vector<GltfInstance> placed = PlaceMeshes(path_, file_, z_up_from_gltf_, copies);
+    for (const GltfInstance& mesh : placed) ++uses[mesh.index];
+    std::map<size_t, std::vector<Primitive>> read;  // while they are placed again
+    for (GltfInstance& mesh : placed) {
       mesh_.parts.push_back(std::move(mesh.name));
-      if (uses[mesh.index] == 1) {
-        for (const Primitive& part : ReadMesh(mesh.index)) Add(part, mesh.root_from_mesh);
-      } else {
-        const auto [entry, is_new] = shared.try_emplace(mesh.index);
-        if (is_new) entry->second = ReadMesh(mesh.index);
-        for (const Primitive& part : entry->second) Add(part, mesh.root_from_mesh);
-      }
+      const auto [entry, is_new] = read.try_emplace(mesh.index);
+      if (is_new) entry->second = ReadMesh(mesh.index);
+      for (const Primitive& part : entry->second) Add(part, mesh.root_from_mesh);
+      if (--uses[mesh.index] == 0) read.erase(entry);
     }
     if (!mesh_.uvs.empty()) mesh_.uvs.resize(mesh_.positions.size(), {0, 0});
     if (!mesh_.position_colors.empty()) {
@@ -227,8 +223,7 @@ class GltfReader {
     IfThere(place, {"material"}, [&](const JsonPlace& material) {
       primitive.material = file_.Index("materials", material);
     });
-    const int uv_set = primitive.material < uv_uses_.size() ? uv_uses_[primitive.material].set : 0;
-    const std::string uv_name = fmt::format("TEXCOORD_{}", uv_set);
+    const std::string uv_name = fmt::format("TEXCOORD_{}", uv_uses_[primitive.material].set);
     const JsonPlace attributes = place.Member("attributes");
     const std::array<Wanted, 3> wanted = {{{"POSITION", 3, &primitive.positions},
                                            {uv_name, 2, &primitive.uvs},
@@ -244,9 +239,8 @@ class GltfReader {
       }
     }
     if (!is_compressed) ReadCorners(place, mode, primitive);
-    // As the specification has it, there is nothing to show of what has no positions.
-    if (primitive.positions.count() == 0) return Primitive();
     const size_t count = primitive.positions.count();
+    if (count == 0) return Primitive();  // as the specification has it, there is nothing to show
     num_read_ += count + primitive.corners.size() / 3;
     if (num_read_ > kMaxPlacedParts) FailOfManyMeshes(path_);
     for (const VertexNumbers* numbers : {&primitive.uvs, &primitive.colors}) {
@@ -293,13 +287,9 @@ class GltfReader {
     }
     const JsonPlace view = draco.Member("bufferView");
     const std::string_view bytes = file_.BytesOfView(view);
-    try {
-      DracoMesh mesh = DecodeDraco(bytes, compressed);
-      for (size_t i = 0; i < targets.size(); ++i) *targets[i] = std::move(mesh.attributes[i]);
-      return std::move(mesh.corners);
-    } catch (const InputError& error) {
-      draco.Fail(error.what());
-    }
+    DracoMesh mesh = draco.Blame([&] { return DecodeDraco(bytes, compressed); });
+    for (size_t i = 0; i < targets.size(); ++i) *targets[i] = std::move(mesh.attributes[i]);
+    return std::move(mesh.corners);
   }
 
   void Add(const Primitive& primitive, const Affine3d& root_from_mesh) {
@@ -333,9 +323,7 @@ class GltfReader {
   void AddUvs(const Primitive& primitive, size_t first) {
     if (primitive.uvs.count() == 0) return;
     mesh_.uvs.resize(first, {0, 0});
-    const Eigen::Affine2d transform = primitive.material < uv_uses_.size()
-                                          ? uv_uses_[primitive.material].uv_transform
-                                          : Eigen::Affine2d::Identity();
+    const Eigen::Affine2d& transform = uv_uses_[primitive.material].uv_transform;
     for (size_t i = 0; i < primitive.uvs.count(); ++i) {
       const Eigen::Vector2d down = transform * ItemOf<2>(primitive.uvs, i);
       mesh_.uvs.push_back(Eigen::Vector2d(down.x(), 1 - down.y()).cast<float>());
@@ -356,7 +344,7 @@ class GltfReader {
   GltfFile file_;
   const Eigen::Matrix3d z_up_from_gltf_;
   RawMesh mesh_;
-  std::vector<UvUse> uv_uses_;  // of each material
+  std::vector<UvUse> uv_uses_;  // of each material, and of none
   std::map<size_t, int32_t> texture_of_image_;
   size_t num_read_ = 0, num_placed_ = 0;  // vertices and triangles
 };

@@ -50,21 +50,14 @@ class ObjParser {
     } else if (tokens[0] == "f") {
       ParseFace(tokens);
     } else if (tokens[0] == "usemtl") {
-      material_ = MaterialOf(std::string(Rest(line, tokens[0])));
+      // One that no file tells of still has a name.
+      material_ = MaterialOf(Rest(line, tokens[0]), material_by_name_, mesh_);
     } else if (tokens[0] == "o" || tokens[0] == "g") {
       (tokens[0] == "o" ? object_ : group_) = Rest(line, tokens[0]);
       part_ = PartOf(object_, group_);
     } else if (tokens[0] == "mtllib") {
       ReadMaterials(std::string(Rest(line, tokens[0])));
     }
-  }
-
-  // A material that no file tells of still has a name.
-  uint32_t MaterialOf(std::string name) {
-    const auto next = static_cast<uint32_t>(mesh_.materials.size());
-    const auto [entry, is_new] = material_by_name_.try_emplace(name, next);
-    if (is_new) mesh_.materials.push_back({.name = std::move(name)});
-    return entry->second;
   }
 
   // Returns the part that faces of this object and group are; a name that comes again is the same.

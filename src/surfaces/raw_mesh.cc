@@ -172,13 +172,19 @@ void SetTriangleLabels(const RawMesh& raw, TriangleMesh& mesh) {
                                  [](const auto& material) { return !material.name.empty(); });
   if (!named) return;
   std::map<std::pair<uint32_t, uint32_t>, uint32_t> numbers;
+  std::pair<uint32_t, uint32_t> before;  // triangles of one label mostly follow each other
   mesh.triangle_labels.reserve(raw.triangles.size());
   for (size_t i = 0; i < raw.triangles.size(); ++i) {
     const uint32_t part = raw.triangle_parts.empty() ? RawMesh::kNone : raw.triangle_parts[i];
     const uint32_t material =
         raw.triangle_materials.empty() ? RawMesh::kNone : raw.triangle_materials[i];
+    if (i > 0 && before == std::pair(part, material)) {
+      mesh.triangle_labels.push_back(mesh.triangle_labels.back());
+      continue;
+    }
+    before = {part, material};
     const auto [entry, is_new] =
-        numbers.try_emplace({part, material}, static_cast<uint32_t>(mesh.labels.size()));
+        numbers.try_emplace(before, static_cast<uint32_t>(mesh.labels.size()));
     mesh.triangle_labels.push_back(entry->second);
     if (!is_new) continue;
     SurfaceLabel& label = mesh.labels.emplace_back();
@@ -319,6 +325,14 @@ std::string PartName(std::string_view above, std::string_view name) {
   while (begin < whole.size() && (whole[begin] & 0xC0) == 0x80)
     ++begin;  // within a letter of UTF-8
   return whole.substr(begin);
+}
+
+uint32_t MaterialOf(std::string_view name, std::map<std::string, uint32_t, std::less<>>& by_name,
+                    RawMesh& mesh) {
+  const auto next = static_cast<uint32_t>(mesh.materials.size());
+  const auto [entry, is_new] = by_name.try_emplace(std::string(name), next);
+  if (is_new) mesh.materials.push_back({.name = entry->first});
+  return entry->second;
 }
 
 void NumberMaterials(TriangleMesh& mesh) {

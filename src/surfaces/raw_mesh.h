@@ -8,6 +8,8 @@
 #include <cmath>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
+#include <map>
 #include <optional>
 #include <span>
 #include <string>
@@ -90,6 +92,10 @@ TriangleMesh FinishMesh(const std::filesystem::path& path, RawMesh raw);
 // Returns the name of a part below others, with a slash between; of long names the end, as hostile
 // files would have them fill the memory.
 std::string PartName(std::string_view above, std::string_view name);
+
+// Returns the material of a name, which is added without a color where it is new.
+uint32_t MaterialOf(std::string_view name, std::map<std::string, uint32_t, std::less<>>& by_name,
+                    RawMesh& mesh);
 
 // Sets the semantics of labels: the numbers of their materials' names.
 void NumberMaterials(TriangleMesh& mesh);

@@ -234,11 +234,7 @@ class TilesetWalk {
   }
 
   path Resolved(const JsonPlace& place, const std::string& uri, const path& named_in) const {
-    try {
-      return ResolveInTileset(uri, named_in, folder_);
-    } catch (const InputError& error) {
-      place.Fail(error.what());
-    }
+    return place.Blame([&] { return ResolveInTileset(uri, named_in, folder_); });
   }
 
   // Further tilesets are part of the tree, whatever shows of the tile that names them.

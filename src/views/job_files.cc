@@ -161,10 +161,9 @@ std::string JobHeader(const RayCaster& scene, const RenderJobOptions& options) {
     products[std::string(ToString(output.product))] = ProductJson(output, options);
   }
   json["products"] = std::move(products);
-  const bool any_labels = std::any_of(
-      options.products.begin(), options.products.end(), [](const ProductOutput& output) {
-        return output.product == Product::kInstance || output.product == Product::kSemantic;
-      });
+  const bool any_labels =
+      std::any_of(options.products.begin(), options.products.end(),
+                  [](const ProductOutput& output) { return HasNames(output.product); });
   if (any_labels) json["labels"] = HexText(LabelHash(scene.mesh()));
   return json.dump();
 }

@@ -1,5 +1,6 @@
 #include <algorithm>
 
+#include "views/surface_labels.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -86,8 +87,7 @@ std::vector<uint32_t> IdsOf(Product product, const Frame& frame, const TriangleM
     if (triangle == HitBlock::kNoTriangle) return triangle;
     if (product == Product::kTriangle) return mesh.FaceOf(triangle);
     if (product == Product::kObject) return mesh.ObjectOf(triangle);
-    const SurfaceLabel& label = mesh.LabelOf(triangle);
-    return product == Product::kInstance ? label.instance : label.semantic;
+    return IdOf(product, mesh.LabelOf(triangle));
   };
   std::vector<uint32_t> ids(frame.triangle.size());
   std::transform(frame.triangle.begin(), frame.triangle.end(), ids.begin(), id_of);

@@ -163,13 +163,10 @@ std::vector<std::string> ListForeignFiles(std::span<const RenderTask> tasks,
 }
 
 void RemoveLeftoversOfShard(std::span<const RenderTask> tasks, const RenderJobOptions& options) {
-  std::vector<std::string> files = {"summary.json",
-                                    "timing.jsonl",
-                                    "preview.png",
+  std::vector<std::string> files = {"summary.json", "timing.jsonl", "preview.png",
                                     std::string(kFileGuideName),
-                                    "instance.txt",
-                                    "semantic.txt",
                                     ManifestPath({}, options.shard).string()};
+  for (const Product product : kNamedProducts) files.push_back(FileOfNames(product));
   for (size_t i = 0; i < tasks.size(); ++i) {
     if (!options.shard.Contains(i)) continue;
     for (std::string& file : TaskFiles(tasks[i], options.products)) {
@@ -350,9 +347,9 @@ class RenderJob {
       }
     }
     for (const ProductOutput& output : options_.products) {
-      if (const auto names = NamesOfIds(output.product, scene_->mesh())) {
-        WriteFile(options_.out / fmt::format("{}.txt", ToString(output.product)), *names);
-      }
+      if (!HasNames(output.product)) continue;
+      WriteFile(options_.out / FileOfNames(output.product),
+                NamesOfIds(output.product, scene_->mesh()));
     }
     WriteGuide(options_);
     WriteFile(options_.out / "summary.json",

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <set>
-#include <tuple>
 #include <utility>
 
 #include <fmt/format.h>
@@ -71,8 +70,11 @@ std::vector<std::string> AssignSemantics(std::span<const SemanticRule> rules, Tr
 
 void RequireIds(std::span<const ProductOutput> products, const TriangleMesh& mesh) {
   for (const ProductOutput& output : products) {
-    const auto names = NamesOfIds(output.product, mesh);
-    if (!names || !names->empty()) continue;
+    if (!HasNames(output.product)) continue;
+    const bool any = std::any_of(mesh.labels.begin(), mesh.labels.end(), [&](const auto& label) {
+      return IdOf(output.product, label) != SurfaceLabel::kNone;
+    });
+    if (any) continue;
     throw OptionError(
         "products", std::string(ToString(output.product)),
         output.product == Product::kInstance
@@ -81,18 +83,23 @@ void RequireIds(std::span<const ProductOutput> products, const TriangleMesh& mes
   }
 }
 
-std::optional<std::string> NamesOfIds(Product product, const TriangleMesh& mesh) {
-  if (product != Product::kInstance && product != Product::kSemantic) return std::nullopt;
+uint32_t IdOf(Product product, const SurfaceLabel& label) {
+  return product == Product::kInstance ? label.instance : label.semantic;
+}
+
+std::string NamesOfIds(Product product, const TriangleMesh& mesh) {
   std::set<std::pair<uint32_t, std::string>> names;
   for (const SurfaceLabel& label : mesh.labels) {
-    const auto& [id, name] = product == Product::kInstance
-                                 ? std::tie(label.instance, label.instance_name)
-                                 : std::tie(label.semantic, label.semantic_name);
-    if (id != SurfaceLabel::kNone) names.emplace(id, Printable(name));
+    const uint32_t id = IdOf(product, label);
+    if (id == SurfaceLabel::kNone) continue;
+    names.emplace(
+        id, Printable(product == Product::kInstance ? label.instance_name : label.semantic_name));
   }
   std::string text;
   for (const auto& [id, name] : names) text += fmt::format("{} {}\n", id, name);
   return text;
 }
+
+std::string FileOfNames(Product product) { return fmt::format("{}.txt", ToString(product)); }
 
 }  // namespace raylift

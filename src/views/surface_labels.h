@@ -2,9 +2,9 @@
 
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
-#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -27,10 +27,19 @@ std::vector<SemanticRule> ReadSemanticRules(const std::filesystem::path& path);
 // material or instance has a name of. Returns warnings on rules and names that do not meet.
 std::vector<std::string> AssignSemantics(std::span<const SemanticRule> rules, TriangleMesh& mesh);
 
+// The products whose ids have names. What follows is of these alone.
+inline constexpr std::array kNamedProducts = {Product::kInstance, Product::kSemantic};
+inline bool HasNames(Product product) {
+  return product == kNamedProducts[0] || product == kNamedProducts[1];
+}
+
+uint32_t IdOf(Product product, const SurfaceLabel& label);
+
 // Throws OptionError where no part of the mesh has an id of a product.
 void RequireIds(std::span<const ProductOutput> products, const TriangleMesh& mesh);
 
-// Returns the lines "ID NAME" of kInstance and kSemantic, by id; nullopt of other products.
-std::optional<std::string> NamesOfIds(Product product, const TriangleMesh& mesh);
+// Returns the lines "ID NAME", by id, and the name of the file that has them.
+std::string NamesOfIds(Product product, const TriangleMesh& mesh);
+std::string FileOfNames(Product product);
 
 }  // namespace raylift

@@ -48,6 +48,35 @@ TEST(MeshTiles, TrianglesKnowTheirMeshAndItsFaces) {
   EXPECT_EQ(two.ObjectOf(11), 0u);
 }
 
+// Of triangles that are removed and of tiles without names, none shifts the names of others; what
+// readers have to say stays.
+TEST(MeshTiles, TrianglesKeepTheirNames) {
+  const auto folder = TestFolder();
+  const std::string corners = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
+  WriteFile(folder / "a.obj", corners +
+                                  "f 1 2 3\nf 1 1 2\no wall\nusemtl brick\nf 1 1 3\nf 1 2 3\n"
+                                  "g door\nf 1 3 4\no roof\nf 1 2 4\n");
+  WriteFile(folder / "b.obj", corners + "f 1 2 3\n");
+  WriteFile(folder / "c.obj", corners + "o wall\nusemtl tin\nf 1 3 4\n");
+  const std::vector<std::filesystem::path> files = {folder / "a.obj", folder / "b.obj",
+                                                    folder / "c.obj"};
+  const TriangleMesh mesh = ReadMeshes(files);
+  ASSERT_EQ(mesh.triangles.size(), 6u);
+  constexpr uint32_t kNone = SurfaceLabel::kNone;
+  const std::array<const char*, 6> names = {"", "wall", "wall/door", "roof/door", "", "wall"};
+  const std::array<const char*, 6> materials = {"", "brick", "brick", "brick", "", "tin"};
+  const std::array<uint32_t, 6> instances = {kNone, 0, 1, 2, kNone, 3};
+  const std::array<uint32_t, 6> semantics = {kNone, 0, 0, 0, kNone, 1};
+  for (uint32_t i = 0; i < 6; ++i) {
+    EXPECT_EQ(mesh.LabelOf(i).instance_name, names[i]) << i;
+    EXPECT_EQ(mesh.LabelOf(i).material, materials[i]) << i;
+    EXPECT_EQ(mesh.LabelOf(i).instance, instances[i]) << i;
+    EXPECT_EQ(mesh.LabelOf(i).semantic, semantics[i]) << i;
+  }
+  ASSERT_EQ(mesh.warnings.size(), 1u);
+  EXPECT_NE(mesh.warnings[0].find("2 of 6 triangles removed"), std::string::npos);
+}
+
 TEST(MeshTiles, AttributesOfOneTileDoNotShiftThoseOfAnother) {
   TriangleMesh plain = MakeBox({0, 0, 0}, {1, 1, 1});
   TriangleMesh colored = MakeBox({5, 0, 0}, {1, 1, 1});

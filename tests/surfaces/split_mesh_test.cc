@@ -13,6 +13,9 @@ using Eigen::Vector3d;
 TEST(SplitLongEdges, KeepsTheSurface) {
   TriangleMesh box = MakeBox({1, 2, 3}, {1, 0.5, 2});
   box.object_begins = {0, 4};
+  box.labels.resize(2);
+  for (uint32_t i = 0; i < 2; ++i) box.labels[i].instance = i;
+  for (uint32_t t = 0; t < 12; ++t) box.triangle_labels.push_back(t < 4 ? 0 : 1);
   const TriangleMesh fine = SplitLongEdges(box, 0.3);
   double area = 0;
   for (uint32_t t = 0; t < fine.triangles.size(); ++t) {
@@ -27,6 +30,7 @@ TEST(SplitLongEdges, KeepsTheSurface) {
     const Vector3d center = fine.VertexInWorld(a) - Vector3d(1, 2, 3);
     EXPECT_GT(normal.cast<double>().dot(center), 0);
     EXPECT_LT(fine.FaceOf(t), fine.ObjectOf(t) == 0 ? 4u : 8u);
+    EXPECT_EQ(fine.LabelOf(t).instance, fine.ObjectOf(t));
   }
   EXPECT_NEAR(area, 2 * (2 * 1 + 2 * 4 + 1 * 4), 1e-4);
   EXPECT_EQ(fine.ObjectOf(0), 0u);

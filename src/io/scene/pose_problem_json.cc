@@ -33,11 +33,7 @@ Camera ReadCamera(const JsonPlace& place) {
   }
   const int width_px = place.Member("width").Int();
   const int height_px = place.Member("height").Int();
-  try {
-    return Camera(*model, width_px, height_px, params);
-  } catch (const InputError& error) {
-    place.Fail(error.what());
-  }
+  return place.Blame([&] { return Camera(*model, width_px, height_px, params); });
 }
 
 Rigid3 ReadPose(const JsonPlace& place) {

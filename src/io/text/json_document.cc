@@ -7,8 +7,6 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "raylift/base/error.h"
-
 namespace raylift {
 namespace {
 

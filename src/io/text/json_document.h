@@ -13,6 +13,8 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 
+#include "raylift/base/error.h"
+
 namespace raylift {
 
 // A value and where it is. Children point to their parent, which must outlive them, as the document
@@ -50,6 +52,15 @@ class JsonPlace {
 
   // Throws InputError "FILE: PATH: MESSAGE".
   [[noreturn]] void Fail(std::string_view message) const;
+  // Returns what `use` does; what is wrong with it is wrong here.
+  template <typename Use>
+  auto Blame(const Use& use) const {
+    try {
+      return use();
+    } catch (const InputError& error) {
+      Fail(error.what());
+    }
+  }
 
  private:
   friend class JsonDocument;
