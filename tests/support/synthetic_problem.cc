@@ -23,7 +23,7 @@ Camera PinholeCamera() {
 
 Vector3d NormalVector(Rng& rng) { return Vector3d{rng.Normal(), rng.Normal(), rng.Normal()}; }
 
-double Draw(Rng& rng, Interval interval) { return rng.Uniform(interval.low, interval.high); }
+double Draw(Rng& rng, UniformRange interval) { return rng.Uniform(interval.low, interval.high); }
 
 // The orientation of a camera at `center` that looks at `target`, with y down.
 Eigen::Quaterniond LookAt(const Vector3d& center, const Vector3d& target) {
@@ -104,7 +104,7 @@ class ProblemMaker {
   }
 
   // `ratio` of the flags are set, at random places.
-  std::vector<bool> DrawOutliers(int count, Interval ratio) {
+  std::vector<bool> DrawOutliers(int count, UniformRange ratio) {
     std::vector<bool> flags(static_cast<size_t>(count), false);
     const auto outliers = static_cast<size_t>(std::lround(Draw(rng_, ratio) * count));
     std::fill_n(flags.begin(), outliers, true);

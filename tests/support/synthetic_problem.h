@@ -17,7 +17,7 @@
 
 namespace raylift {
 
-struct Interval {
+struct UniformRange {
   double low;
   double high;
 };
@@ -34,14 +34,14 @@ enum class ReferenceLayout {
 struct SyntheticOptions {
   int num_2d3d = 500;  // inliers and outliers
   int num_2d2d = 1000;
-  Interval outlier_ratio_2d3d = {0.1, 0.1};  // drawn per problem
-  Interval outlier_ratio_2d2d = {0.1, 0.1};
+  UniformRange outlier_ratio_2d3d = {0.1, 0.1};  // drawn per problem
+  UniformRange outlier_ratio_2d2d = {0.1, 0.1};
   double sigma_px = 1;     // of each keypoint's coordinate, in both images
   double sigma_point = 0;  // of each 3D coordinate, meters
   int num_references = 20;
   double baseline = 2;  // references lie within this distance of the query, meters
   double tilt_deg = 8;  // at most, off the direction to the scene's middle
-  Interval depth = {5, 15};
+  UniformRange depth = {5, 15};
   SceneShape scene = SceneShape::kVolume;
   ReferenceLayout layout = ReferenceLayout::kAround;
   bool split_five_and_one = false;  // the first six 2D-2D matches: five to one reference, one to

@@ -15,17 +15,17 @@ using Eigen::Vector3d;
 double Square(double x) { return x * x; }
 
 // Returns where a x^2 + 2 b x + c < 0, if that is one bounded interval.
-std::optional<Interval> WhereNegative(double a, double b, double c, size_t keypoint) {
+std::optional<InlierRange> WhereNegative(double a, double b, double c, size_t keypoint) {
   const double discriminant = b * b - a * c;
   if (!(a > 0) || !(discriminant > 0)) return std::nullopt;
   const double root = std::sqrt(discriminant);
-  return Interval{(-b - root) / a, (-b + root) / a, keypoint};
+  return InlierRange{(-b - root) / a, (-b + root) / a, keypoint};
 }
 
 }  // namespace
 
 // The squared reprojection error |n.xy|^2 / (n.z^2 + v), with n = m - x k.
-std::optional<Interval> CameraOnLine::InlierInterval(const NormalizedMatch2D3D& match) const {
+std::optional<InlierRange> CameraOnLine::InlierInterval(const NormalizedMatch2D3D& match) const {
   const CamFromLocal camera = problem_.PoseOfCamera(pose_, match.camera);
   const Vector3d m = match.image_from_ray * (camera.rotation * match.point + camera.translation);
   const Vector3d k = match.image_from_ray * (camera.rotation * direction_);
@@ -40,7 +40,7 @@ std::optional<Interval> CameraOnLine::InlierInterval(const NormalizedMatch2D3D& 
 
 // The squared Sampson error (q . (b x r))^2 / (|Gq' (b x r)|^2 + |Gr' (q x b)|^2), with the
 // baseline b = b0 - x direction.
-std::optional<Interval> CameraOnLine::InlierInterval(const NormalizedMatch2D2D& match) const {
+std::optional<InlierRange> CameraOnLine::InlierInterval(const NormalizedMatch2D2D& match) const {
   const Matrix3d local_from_cam = pose_.rotation.transpose();
   const Vector3d query_ray = local_from_cam * match.query_ray;
   const Vector3d baseline =
@@ -76,8 +76,8 @@ std::optional<Interval> CameraOnLine::InlierInterval(const NormalizedMatch2D2D& 
 // How another reference sees the point of a match with the one that the line goes through:
 // |n.xy|^2 / (n.z^2 + v), with n = F^-1 (C + (1 + x / l) z r - C'), F the axes of its pixel, and
 // v by how well query and dominant tell z.
-std::optional<Interval> CameraOnLine::InlierInterval(const NormalizedMatch2D2D& of_dominant,
-                                                     const NormalizedMatch2D2D& of_other) const {
+std::optional<InlierRange> CameraOnLine::InlierInterval(const NormalizedMatch2D2D& of_dominant,
+                                                        const NormalizedMatch2D2D& of_other) const {
   const auto center_of = [&](const NormalizedMatch2D2D& match) -> const Vector3d& {
     return problem_.centers[static_cast<size_t>(match.reference)];
   };

@@ -11,7 +11,7 @@
 namespace raylift {
 
 // Where a match is an inlier, as the camera moves along a line.
-struct Interval {
+struct InlierRange {
   double begin, end;
   size_t keypoint;
 
@@ -28,12 +28,12 @@ class CameraOnLine {
       : problem_(problem), pose_(pose), direction_(direction) {}
 
   // By the squared reprojection error.
-  std::optional<Interval> InlierInterval(const NormalizedMatch2D3D& match) const;
+  std::optional<InlierRange> InlierInterval(const NormalizedMatch2D3D& match) const;
   // By the squared Sampson error.
-  std::optional<Interval> InlierInterval(const NormalizedMatch2D2D& match) const;
+  std::optional<InlierRange> InlierInterval(const NormalizedMatch2D2D& match) const;
   // By how another reference sees the point of a match with the one that the line goes through.
-  std::optional<Interval> InlierInterval(const NormalizedMatch2D2D& of_dominant,
-                                         const NormalizedMatch2D2D& of_other) const;
+  std::optional<InlierRange> InlierInterval(const NormalizedMatch2D2D& of_dominant,
+                                            const NormalizedMatch2D2D& of_other) const;
 
  private:
   const NormalizedProblem& problem_;

@@ -64,13 +64,13 @@ class PlacesOnLine {
  public:
   // `by_chance` where wrong matches fall anywhere; not where they may agree by what they have in
   // common.
-  PlacesOnLine(const std::vector<Interval>& intervals, size_t num_keypoints,
+  PlacesOnLine(const std::vector<InlierRange>& intervals, size_t num_keypoints,
                const std::optional<ByChance>& by_chance)
       : intervals_(intervals),
         by_chance_(by_chance),
         at_zero_(num_keypoints, 0),
         here_(num_keypoints, 0) {
-    for (const Interval& interval : intervals) {
+    for (const InlierRange& interval : intervals) {
       if (!interval.Contains(0)) continue;
       ++at_zero_[interval.keypoint];
       ++matches_at_zero_;
@@ -165,7 +165,7 @@ class PlacesOnLine {
               [](const Bound& a, const Bound& b) { return a.x < b.x; });
   }
   // Enters an interval (1) or leaves it (-1).
-  void Move(const Interval& interval, int change) {
+  void Move(const InlierRange& interval, int change) {
     if (interval.Contains(0)) shared_ += change;
     const int zero = at_zero_[interval.keypoint];
     int& here = here_[interval.keypoint];
@@ -182,7 +182,7 @@ class PlacesOnLine {
     size_t interval;
   };
 
-  const std::vector<Interval>& intervals_;
+  const std::vector<InlierRange>& intervals_;
   std::vector<Bound> bounds_;  // along the line
   std::optional<ByChance> by_chance_;
   double speak_for_zero_ = 0;        // keypoints
@@ -240,7 +240,7 @@ struct LineFromReference {
 
   // Whether a match fits where the camera would be at its reference: all of its pairs do there,
   // wrong ones, too, as there is no parallax.
-  bool FitsAtReference(const Vector3d& center, const Interval& interval) const {
+  bool FitsAtReference(const Vector3d& center, const InlierRange& interval) const {
     const Vector3d to_center = center - reference;
     const double along = to_center.dot(offset) / length;
     return (to_center - along * offset / length).norm() < right_within &&
@@ -253,8 +253,8 @@ struct LineFromReference {
 // dominant's its point is C + z r, whose distance z grows as the camera's from C does, so that the
 // other reference sees it where it does in an interval alone. This tells the distance where all
 // centers are on one line, and pairs of pixels do not.
-std::vector<Interval> ByThreeViews(const NormalizedProblem& problem, const Residuals& residuals,
-                                   const LineFromReference& line, const CameraOnLine& camera) {
+std::vector<InlierRange> ByThreeViews(const NormalizedProblem& problem, const Residuals& residuals,
+                                      const LineFromReference& line, const CameraOnLine& camera) {
   std::vector<std::vector<const NormalizedMatch2D2D*>> explained(problem.num_keypoints);
   for (size_t i = 0; i < problem.matches_2d2d.size(); ++i) {
     const NormalizedMatch2D2D& match = problem.matches_2d2d[i];
@@ -262,7 +262,7 @@ std::vector<Interval> ByThreeViews(const NormalizedProblem& problem, const Resid
       explained[match.keypoint].push_back(&match);
     }
   }
-  std::vector<Interval> intervals;
+  std::vector<InlierRange> intervals;
   for (const NormalizedMatch2D2D& match : problem.matches_2d2d) {
     if (line.IsFromPlace(problem, match)) continue;
     for (const NormalizedMatch2D2D* of_dominant : explained[match.keypoint]) {
@@ -301,7 +301,7 @@ std::vector<bool> OwnDepths(const NormalizedProblem& problem, const Residuals& r
 
 // Where the matches fit on that line, but for those that fit everywhere.
 struct EvidenceOnLine {
-  std::vector<Interval> by_others, by_parallax, by_own_depths;
+  std::vector<InlierRange> by_others, by_parallax, by_own_depths;
   WrongMatches others;
   double own_depths = 0, agreeing = 0;  // of explained 2D-2D matches
 
@@ -317,13 +317,13 @@ struct EvidenceOnLine {
     for (size_t i = 0; i < problem_.matches_2d2d.size(); ++i) {
       const NormalizedMatch2D2D& match = problem_.matches_2d2d[i];
       if (line_.IsFromPlace(problem_, match)) continue;
-      const std::optional<Interval> interval = camera_.InlierInterval(match);
+      const std::optional<InlierRange> interval = camera_.InlierInterval(match);
       Add(interval, by_others);
       const Vector3d& center = problem_.centers[static_cast<size_t>(match.reference)];
       if (interval && !line_.FitsAtReference(center, *interval)) Add(interval, by_parallax);
       others.Add(match.keypoint, residuals_.of_2d2d[i], 1);
     }
-    for (const Interval& interval : ByThreeViews(problem_, residuals_, line_, camera_)) {
+    for (const InlierRange& interval : ByThreeViews(problem_, residuals_, line_, camera_)) {
       Add(interval, by_others);
       Add(interval, by_parallax);
     }
@@ -345,7 +345,7 @@ struct EvidenceOnLine {
   }
 
  private:
-  void Add(const std::optional<Interval>& interval, std::vector<Interval>& to) const {
+  void Add(const std::optional<InlierRange>& interval, std::vector<InlierRange>& to) const {
     if (interval && interval->end - interval->begin < line_.longest) to.push_back(*interval);
   }
 
@@ -356,9 +356,9 @@ struct EvidenceOnLine {
 };
 
 // Returns how many of the intervals most hold one place.
-int MostAtOnePlace(std::span<const Interval> intervals) {
+int MostAtOnePlace(std::span<const InlierRange> intervals) {
   std::vector<std::pair<double, int>> bounds;
-  for (const Interval& interval : intervals) {
+  for (const InlierRange& interval : intervals) {
     bounds.emplace_back(interval.begin, 1);
     bounds.emplace_back(interval.end, -1);
   }
@@ -428,7 +428,7 @@ double ProbabilityOfDistance(const NormalizedProblem& problem, const CamFromLoca
   EvidenceOnLine found(problem, residuals, line, camera);
   found.AddPairs();
   if (Has2D3D(sets)) found.AddDepths();
-  const auto places = [&](const std::vector<Interval>& intervals,
+  const auto places = [&](const std::vector<InlierRange>& intervals,
                           const std::optional<ByChance>& by_chance) {
     return PlacesOnLine(intervals, problem.num_keypoints, by_chance);
   };
@@ -461,7 +461,7 @@ bool DepthsAgreeUpToFactor(const NormalizedProblem& problem, const CamFromLocal&
   // Depths times s let the camera see the same from length / s; s is 1/2 to 2.
   const double range = 1.5 * line.length;
   double chance = 0;
-  for (const Interval& interval : found.by_own_depths) {
+  for (const InlierRange& interval : found.by_own_depths) {
     chance += std::min(1.0, (interval.end - interval.begin) / range) / found.own_depths;
   }
   const ByChance by_chance{found.own_depths, chance};
