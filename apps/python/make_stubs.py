@@ -21,7 +21,11 @@ REPAIRS = [
     (r"(__hash__: typing.ClassVar\[None\]) = None", r"\1  # type: ignore[assignment]"),
     (r"abc\.Iterator(?!\[)", "abc.Iterator[typing.Any]"),
     (r"(def __eq__\(self, other: )typing\.Any", r"\1object"),
-    (r"(def __array__\(.*-> )typing\.Any", r"\1numpy.typing.NDArray[typing.Any]"),
+    (r"(def __array__\(.*-> )typing\.Any", r"\1numpy.typing.NDArray[numpy.float64]"),
+    # A query is a pair. What unpacks it asks __iter__, which has one type for all: Any.
+    (r"( +)def __getitem__\(self, index: .*\) -> typing\.Any:",
+     r"\1@typing.overload\n\1def __getitem__(self, index: typing.Literal[0, -2]) -> str:\n\1    ...\n"
+     r"\1@typing.overload\n\1def __getitem__(self, index: typing.Literal[1, -1]) -> Camera:"),
     # A pose has __array__, but is told from arrays first.
     (r"(def __mul__\(self, other: Rigid3\) -> Rigid3:)", r"\1  # pyright: ignore[reportOverlappingOverload]"),
     (r"\*args,", "*args: raylift._types.GeometryLike,"),
@@ -34,12 +38,15 @@ TYPES = {
     "ColmapModel.image": {"return": "_results.ModelImage"},
     "ColmapModel.points3d": {"return": "_results.ModelPoints"},
     "DepthMaps.__init__": {"kwargs": "_types.SpecValue"},
-    "DepthMaps.from_arrays": {"kwargs": "Unpack[_types.DepthMapOptions]"},
+    "DepthMaps.from_arrays": {
+        "maps": "collections.abc.Mapping[str, numpy.typing.ArrayLike]", "kwargs": "Unpack[_types.DepthMapOptions]"},
     "DepthMaps.load": {"return": "numpy.typing.NDArray[numpy.float32] | None"},
     "Geometry.lift": {"return": "_results.LiftedPixels"},
     "Lifter.lift": {"return": "_results.LiftedBySources"},
     "LocalizedQuery.counts": {"return": "_results.StageCounts"},
-    "Localizer.__init__": {"kwargs": "Unpack[_types.LocalizerOptions]"},
+    "Localizer.__init__": {
+        "reference_features": "collections.abc.Mapping[str, _types.FeaturesLike]",
+        "kwargs": "Unpack[_types.LocalizerOptions]"},
     "Localizer.leave_one_out": {"return": "dict[str, LocalizedQuery]"},
     "Localizer.localize": {"query": "_types.PhotographLike"},
     "Localizer.localize_all": {"return": "dict[str, LocalizedQuery]"},
@@ -51,6 +58,7 @@ TYPES = {
         "cameras": "_types.CameraLike | collections.abc.Sequence[_types.CameraLike]",
         "return": "list[_results.Pictures]", "kwargs": "Unpack[_types.RenderOptions]"},
     "RayCaster.score_views": {"return": "_results.ViewScores"},
+    "Rigid3.__array__": {"dtype": "numpy.typing.DTypeLike | None", "copy": "bool | None"},
     "SfmPoints.__init__": {"kwargs": "_types.SpecValue"},
     "estimate": {"kwargs": "Unpack[_types.EstimateOptions]"},
     "estimate_all": {"kwargs": "Unpack[_types.EstimateOptions]"},
@@ -61,6 +69,7 @@ TYPES = {
     "merge_candidates": {"kwargs": "Unpack[_types.CandidateOptions]"},
     "read_poses": {"return": "dict[str, Rigid3]"},
     "refine_pose": {"kwargs": "Unpack[_types.EstimateOptions]"},
+    "write_poses": {"poses": "collections.abc.Mapping[str, _types.PoseLike]"},
     "write_depth": {"return": "_results.WrittenDepth", "kwargs": "Unpack[_types.DepthWriteOptions]"},
 }
 HEAD = "# Written by make_stubs.py; do not edit.\n"

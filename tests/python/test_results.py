@@ -7,6 +7,7 @@ import typing
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import raylift
 from raylift import _results
@@ -58,8 +59,9 @@ def of_arrays(tmp_path):
     names = [problem.references[i].name for i in problem.pairs["reference_index"]]
     localized = raylift.Localizer(raylift.Scene.of(problem.references, [mesh])).localize_matches(
         CAMERA, problem.pairs["query2d"], problem.pairs["reference2d"], names)
-    products = ["depth", "distance", "inverse_depth", "points", "normals", "color", "triangle", "object", "incidence",
-                "mask"]
+    with pytest.raises(raylift.OptionError) as error:
+        caster.render(reference.camera, reference.cam_from_world, ["nonsense"])
+    products = str(error.value).split("expected ")[1].split("|")
     view = caster.render(reference.camera, reference.cam_from_world, products)
     assert sorted(view) == sorted(products) == sorted(_results.Pictures.__annotations__)
     yield view, _results.Pictures
@@ -117,6 +119,14 @@ def returns_in(node, owner=""):
             yield from returns_in(one, one.name + ".")
         elif isinstance(one, ast.FunctionDef) and not one.name.startswith("_"):
             yield owner + one.name, ast.unparse(one.returns) if one.returns else "nothing"
+
+
+def test_no_argument_of_the_compiled_part_is_left_open():
+    stubs = ast.parse((Path(raylift.__file__).parent / "_core.pyi").read_text(encoding="utf-8"))
+    taken = {f"{function.name}, {one.arg}": ast.unparse(one.annotation)
+             for function in ast.walk(stubs) if isinstance(function, ast.FunctionDef)
+             for one in [*function.args.args, *function.args.kwonlyargs] if one.annotation}
+    assert {name: kind for name, kind in taken.items() if "Any" in kind and "__setstate__" not in name} == {}
 
 
 def test_no_type_of_a_result_is_left_open():

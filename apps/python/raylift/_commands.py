@@ -58,7 +58,7 @@ def _pose_file(poses: Poses, folder: str, name: str) -> PathLike:
     if not isinstance(poses, Mapping):
         return poses
     file = Path(folder) / name
-    found = {name: getattr(pose, "cam_from_world", pose) for name, pose in poses.items()}
+    found: Dict[str, Any] = {name: getattr(pose, "cam_from_world", pose) for name, pose in poses.items()}
     _core.write_poses(file, {name: pose for name, pose in found.items() if pose is not None})
     return file
 

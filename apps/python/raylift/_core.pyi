@@ -105,7 +105,7 @@ class Rigid3:
         """
         From anything that an argument `pose` may be.
         """
-    def __array__(self, dtype: typing.Any = None, copy: typing.Any = None) -> numpy.typing.NDArray[typing.Any]:
+    def __array__(self, dtype: numpy.typing.DTypeLike | None = None, copy: bool | None = None) -> numpy.typing.NDArray[numpy.float64]:
         """
         The matrix, 4 x 4.
         """
@@ -186,7 +186,11 @@ class Query:
         """
         With another Query, or a pair.
         """
-    def __getitem__(self, index: typing.SupportsInt | typing.SupportsIndex) -> typing.Any:
+    @typing.overload
+    def __getitem__(self, index: typing.Literal[0, -2]) -> str:
+        ...
+    @typing.overload
+    def __getitem__(self, index: typing.Literal[1, -1]) -> Camera:
         ...
     def __getstate__(self) -> tuple[typing.Any, ...]:
         ...
@@ -645,7 +649,7 @@ class DepthMaps(Geometry):
     Depth maps of references.
     """
     @staticmethod
-    def from_arrays(maps: dict[str, typing.Any], references: collections.abc.Sequence[raylift._types.PosedImageLike], **kwargs: typing_extensions.Unpack[raylift._types.DepthMapOptions]) -> DepthMaps:
+    def from_arrays(maps: collections.abc.Mapping[str, numpy.typing.ArrayLike], references: collections.abc.Sequence[raylift._types.PosedImageLike], **kwargs: typing_extensions.Unpack[raylift._types.DepthMapOptions]) -> DepthMaps:
         """
         From a dict of (height, width) arrays by the references' names, of the image's size
         or another; what is not finite or not positive is no surface. They are copied.
@@ -797,7 +801,7 @@ class Localizer:
     """
     Localizes photographs in a scene. Thread safe.
     """
-    def __init__(self, scene: Scene, *, reference_features: dict[str, typing.Any] = {}, extractor: raylift._types.Extractor | None = None, matcher: raylift._types.Matcher | None = None, threads: typing.SupportsInt | typing.SupportsIndex = 0, **kwargs: typing_extensions.Unpack[raylift._types.LocalizerOptions]) -> None:
+    def __init__(self, scene: Scene, *, reference_features: collections.abc.Mapping[str, raylift._types.FeaturesLike] = {}, extractor: raylift._types.Extractor | None = None, matcher: raylift._types.Matcher | None = None, threads: typing.SupportsInt | typing.SupportsIndex = 0, **kwargs: typing_extensions.Unpack[raylift._types.LocalizerOptions]) -> None:
         """
         Options as of `raylift localize`, with its defaults: those of raylift.estimate_pose(), and
         filter="off", filter_reprojection_px=4, filter_min_views=3, filter_min_ratio=0.8,
@@ -1092,7 +1096,7 @@ def write_depth(file: raylift._types.PathLike, depth: numpy.typing.ArrayLike, **
     "half"), exr_compression="pxr24", png_step=0.001, out_of_range="refuse" (or "drop"),
     deflate_npz=False; layer. Returns a dict: bytes, dropped values, max_rounding.
     """
-def write_poses(file: raylift._types.PathLike, poses: dict[str, typing.Any]) -> None:
+def write_poses(file: raylift._types.PathLike, poses: collections.abc.Mapping[str, raylift._types.PoseLike]) -> None:
     """
     A dict of poses (cam_from_world) by name; in its order.
     """

@@ -31,6 +31,8 @@ class Pictures(TypedDict):
     color: NDArray[uint8]
     triangle: NDArray[uint32]
     object: NDArray[uint32]
+    instance: NDArray[uint32]
+    semantic: NDArray[uint32]
     incidence: NDArray[float32]
     mask: NDArray[uint8]
 

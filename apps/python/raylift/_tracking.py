@@ -7,6 +7,8 @@ import typing
 from . import _core
 
 if typing.TYPE_CHECKING:
+    from typing_extensions import Unpack
+
     from . import _types
 
 
@@ -28,8 +30,8 @@ class Tracker:
         self._localizer = localizer
         self._walk = _core.SceneTracker(localizer.scene, odometry_scale, min_confidence)
 
-    def add(self, query: typing.Any, camera: _types.CameraLike | None = None, *,
-            cam_from_odometry: _types.PoseLike, time: float, **priors: typing.Any) -> _core.TrackedPose:
+    def add(self, query: _types.PhotographLike | _core.LocalizedQuery, camera: _types.CameraLike | None = None, *,
+            cam_from_odometry: _types.PoseLike, time: float, **priors: Unpack[_types.QueryOptions]) -> _core.TrackedPose:
         """The next photograph: as of Localizer.localize(), whose other arguments may be given, or the
         LocalizedQuery that it (or localize_matches()) returned. cam_from_odometry: the pose, world to
         camera, in the odometry's frame. time: in seconds.

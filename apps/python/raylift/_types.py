@@ -16,14 +16,14 @@ class _Lens(Protocol):
     @property
     def height(self) -> int: ...
     @property
-    def params(self) -> Any: ...
+    def params(self) -> object: ...
 
 
 class ColmapCamera(_Lens, Protocol):
     """pycolmap's cameras, and others like them."""
 
     @property
-    def model(self) -> Any: ...
+    def model(self) -> object: ...
 
 
 class PoseLibCamera(_Lens, Protocol):
@@ -36,18 +36,18 @@ class ColmapPose(Protocol):
     """pycolmap's Rigid3d, and others like it."""
 
     @property
-    def rotation(self) -> Any: ...
+    def rotation(self) -> object: ...
     @property
-    def translation(self) -> Any: ...
+    def translation(self) -> object: ...
 
 
 class PoseLibPose(Protocol):
     """poselib's CameraPose: q is (w, x, y, z)."""
 
     @property
-    def q(self) -> Any: ...
+    def q(self) -> object: ...
     @property
-    def t(self) -> Any: ...
+    def t(self) -> object: ...
 
 
 class ColmapImage(Protocol):
@@ -56,23 +56,23 @@ class ColmapImage(Protocol):
     @property
     def name(self) -> str: ...
     @property
-    def camera(self) -> Any: ...
+    def camera(self) -> object: ...
     @property
-    def cam_from_world(self) -> Any: ...
+    def cam_from_world(self) -> object: ...
 
 
 class PoseLibImage(Protocol):
     """poselib's Image."""
 
     @property
-    def camera(self) -> Any: ...
+    def camera(self) -> object: ...
     @property
-    def pose(self) -> Any: ...
+    def pose(self) -> object: ...
 
 
-CameraLike = Union["_core.Camera", str, Mapping[str, Any], ColmapCamera, PoseLibCamera]
+CameraLike = Union["_core.Camera", str, Mapping[str, object], ColmapCamera, PoseLibCamera]
 PoseLike = Union[
-    "_core.Rigid3", ColmapPose, PoseLibPose, Mapping[str, Any], numpy.typing.ArrayLike,
+    "_core.Rigid3", ColmapPose, PoseLibPose, Mapping[str, object], numpy.typing.ArrayLike,
     Tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike],
 ]
 PosedImageLike = Union["_core.PosedImage", Tuple[CameraLike, PoseLike], ColmapImage, PoseLibImage]
@@ -88,7 +88,7 @@ SpecValue = Union[PathLike, float]
 class Reconstruction(Protocol):
     """pycolmap's Reconstruction: writes a COLMAP model into a folder."""
 
-    def write(self, folder: str, /) -> Any: ...
+    def write(self, folder: str, /) -> object: ...
 
 
 ModelLike = Union[PathLike, Reconstruction]
@@ -97,18 +97,18 @@ ModelLike = Union[PathLike, Reconstruction]
 class OpenCvFeature2D(Protocol):
     """cv2.SIFT_create(), cv2.ORB_create() and others."""
 
-    def detectAndCompute(self, image: Any, mask: Any, /) -> Any: ...
+    def detectAndCompute(self, image: Any, mask: Any, /) -> object: ...
 
 
 class OpenCvMatcher(Protocol):
     """cv2.BFMatcher and others."""
 
-    def match(self, query: Any, reference: Any, /) -> Any: ...
+    def match(self, query: Any, reference: Any, /) -> object: ...
 
 
-Extractor = Union[Callable[[numpy.typing.NDArray[numpy.uint8]], Any], OpenCvFeature2D]
+Extractor = Union[Callable[[numpy.typing.NDArray[numpy.uint8]], object], OpenCvFeature2D]
 """Called with a photograph (H, W, 3): returns keypoints (N, 2) and descriptors (N, D), a dict or pair."""
-Matcher = Union[Callable[[Any, Any], Any], OpenCvMatcher]
+Matcher = Union[Callable[[Any, Any], object], OpenCvMatcher]
 """Called with the photographs of a query and a reference, or with their extractor's features: returns
 pixels (N, 4), or indices of keypoints (K, 2)."""
 Progress = Callable[[int, int, str], object]
@@ -160,16 +160,12 @@ class CandidateOptions(TypedDict, total=False):
     candidates_min_angle_deg: float
 
 
-class LocalizerOptions(EstimatorOptions, FilterThresholds, CandidateOptions, total=False):
-    """Options of `raylift localize`, whose defaults they have."""
+class HlocOptions(EstimatorOptions, FilterThresholds, CandidateOptions, total=False):
+    """Those of Localizer that hloc.localize() takes, too."""
 
     filter: Literal["off", "fixed", "auto"]
     geometry_mode: Literal["first", "all"]
     min_confidence: float
-    features: PathLike
-    matches: PathLike
-    pairs: PathLike
-    top_k: int
     max_features: int
     max_ratio: float
     cache: PathLike
@@ -181,6 +177,35 @@ class LocalizerOptions(EstimatorOptions, FilterThresholds, CandidateOptions, tot
     scene_calibration: PathLike
     align_depth: Literal["off", "scale", "affine", "grid", "auto"]
     rerender: int
+
+
+class LocalizerOptions(HlocOptions, total=False):
+    """Options of `raylift localize`, whose defaults they have."""
+
+    features: PathLike
+    matches: PathLike
+    pairs: PathLike
+    top_k: int
+
+
+class QueryOptions(TypedDict, total=False):
+    """What Localizer.localize() takes beside a photograph and its camera."""
+
+    name: str
+    position_prior: Optional[Tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike]]
+    gravity_prior: Optional[Tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike, float]]
+    focal_sigma: Optional[float]
+    focal_range: float
+
+
+class ModelOptions(TypedDict, total=False):
+    """How an ONNX file is read and run."""
+
+    roles: Optional[Mapping[str, str]]
+    longer_side: Optional[int]
+    first_pixel: float
+    providers: Optional[Sequence[str]]
+    threads: int
 
 
 class RenderOptions(TypedDict, total=False):

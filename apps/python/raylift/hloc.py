@@ -15,14 +15,15 @@ from . import _core
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
+    from typing_extensions import Unpack
 
     from ._results import GivenMatches
-    from ._types import GeometryLike, ModelLike, PathLike, Progress
+    from ._types import GeometryLike, HlocOptions, ModelLike, PathLike, Progress
 
 _ALL_PAIRS = 2**31 - 1
 
 
-def _open_scene(reference: Any, geometry: Sequence[GeometryLike], images: Optional[PathLike],
+def _open_scene(reference: Union[_core.Scene, ModelLike], geometry: Sequence[GeometryLike], images: Optional[PathLike],
                 threads: int) -> _core.Scene:
     if isinstance(reference, _core.Scene):
         return reference
@@ -72,7 +73,7 @@ def _threshold(ransac_thresh: Optional[float], config: Optional[Mapping[str, Any
 
 
 def localize(
-    reference_sfm: Any,
+    reference_sfm: Union[_core.Scene, ModelLike],
     queries: PathLike,
     retrieval: PathLike,
     features: PathLike,
@@ -88,7 +89,7 @@ def localize(
     top_k: Optional[int] = None,
     threads: int = 0,
     progress: Optional[Progress] = None,
-    **options: Any,
+    **options: Unpack[HlocOptions],
 ) -> Dict[str, _core.LocalizedQuery]:
     """Takes what hloc.localize_sfm.main takes, and writes what it writes.
 

@@ -27,9 +27,13 @@ import numpy as np
 from . import _core
 
 if TYPE_CHECKING:
-    from ._types import PathLike
+    from numpy.typing import NDArray
+    from typing_extensions import Unpack
 
-Array = Any  # of numpy, of any type
+    from ._types import ModelOptions, PathLike
+
+    Array = NDArray[Any]
+
 Roles = Optional[Mapping[str, str]]
 
 # What tensors of each role are called, as far as exporters agree; the first that is there counts.
@@ -67,8 +71,8 @@ def _resized(image: Array, width: int, height: int) -> Array:
             continue
         pixels, weights = _taps(count, image.shape[axis])
         shape = (count, 1, 1) if axis == 0 else (1, count, 1)
-        image = sum(np.take(image, pixels[:, k], axis=axis) * weights[:, k].reshape(shape)
-                    for k in range(pixels.shape[1]))
+        image = np.asarray(sum(np.take(image, pixels[:, k], axis=axis) * weights[:, k].reshape(shape)
+                               for k in range(pixels.shape[1])))
     return image
 
 
@@ -223,14 +227,14 @@ class Matcher(_Model):
     from the features of both (keypoints0, descriptors0, ...) to indices: matches0 (N,), the second
     keypoint of each first one or -1, or matches (K, 2)."""
 
-    def __init__(self, file: PathLike, *, centered_keypoints: bool = False, **options: Any) -> None:
+    def __init__(self, file: PathLike, *, centered_keypoints: bool = False, **options: Unpack[ModelOptions]) -> None:
         """centered_keypoints: the graph takes keypoints as LightGlue does, from the photograph's middle
         and by half of its longer side; their features need image_size, as Extractor gives it. options:
         as of Extractor."""
         super().__init__(file, **options)
         self._centered = centered_keypoints
 
-    def __call__(self, first: Any, second: Any) -> Any:
+    def __call__(self, first: Any, second: Any) -> Dict[str, Array]:
         """From photographs: pixels and scores of both, as a dict. From features: indices and scores."""
         graph = self._graph
         if graph.find("keypoints", graph.inputs, "0") is None:
@@ -255,7 +259,7 @@ class Matcher(_Model):
         if "image_size" not in features:
             self._graph.fail("centered_keypoints needs features with image_size")
         size = np.asarray(features["image_size"], float)
-        return (pixels + 0.5 - size / 2) / (size.max() / 2)
+        return (pixels + 0.5 - size / 2) / (float(size.max()) / 2)
 
     def _match_photographs(self, first: Array, second: Array) -> Dict[str, Array]:
         pictures = [self._picture(image, suffix) for image, suffix in ((first, "0"), (second, "1"))]
@@ -264,7 +268,8 @@ class Matcher(_Model):
 
     def _named(self, found: Mapping[str, Array], scales: Optional[List[Array]]) -> Dict[str, Array]:
         """By the names that Localizer knows."""
-        graph, result = self._graph, dict[str, Array]()
+        graph = self._graph
+        result: Dict[str, Array] = {}
         if scales is not None:
             for suffix, scale in zip("01", scales):
                 pixels = found[graph.need("keypoints", found, suffix)]
