@@ -1,0 +1,69 @@
+// What stands for toml_node.cc where there is no toml++ (Ubuntu 22.04).
+
+#include <sstream>
+#include <string_view>
+
+#include "io/text/toml_node.h"
+#include <fmt/format.h>
+#include <toml.hpp>
+
+#include "raylift/base/error.h"
+
+namespace raylift {
+namespace {
+
+using Parsed = toml::basic_value<toml::discard_comments, std::map, std::vector>;
+
+TomlNode NodeOf(const Parsed& parsed) {
+  TomlNode node;
+  node.line = static_cast<int>(parsed.location().line());
+  if (parsed.is_string()) node.value = parsed.as_string().str;
+  if (parsed.is_integer()) node.value = parsed.as_integer();
+  if (parsed.is_floating()) node.value = parsed.as_floating();
+  if (parsed.is_boolean()) node.value = parsed.as_boolean();
+  if (parsed.is_array()) {
+    auto& elements = node.value.emplace<TomlNode::Array>();
+    for (const Parsed& element : parsed.as_array()) elements.push_back(NodeOf(element));
+  }
+  if (parsed.is_table()) {
+    auto& entries = node.value.emplace<TomlNode::Table>();
+    for (const auto& [key, entry] : parsed.as_table()) entries.emplace(key, NodeOf(entry));
+  }
+  return node;
+}
+
+// toml11 goes as deep as the text does, and so would its stack.
+void CheckDepth(const std::string& text, const std::filesystem::path& file) {
+  constexpr int kDeepest = 256;
+  int depth = 0;
+  for (const char letter : text) {
+    if (letter == '[' || letter == '{') ++depth;
+    if (letter == ']' || letter == '}') --depth;
+    if (depth > kDeepest) throw InputError(file, "its brackets are nested too deeply");
+  }
+}
+
+// The first of the lines that toml11 says, "[error] toml::parse_table: message".
+std::string_view FirstLine(std::string_view said) {
+  said = said.substr(0, said.find('\n'));
+  const size_t prefix = said.rfind(": ");
+  return prefix == said.npos ? said : said.substr(prefix + 2);
+}
+
+}  // namespace
+
+TomlNode ParseToml(const std::string& text, const std::filesystem::path& file) {
+  CheckDepth(text, file);
+  std::istringstream stream(text);
+  try {
+    return NodeOf(
+        toml::parse<toml::discard_comments, std::map, std::vector>(stream, file.string()));
+  } catch (const toml::exception& error) {
+    throw InputError(file, fmt::format("line {}", error.location().line()),
+                     FirstLine(error.what()));
+  } catch (const std::exception& error) {
+    throw InputError(file, fmt::format("expected TOML, found: {}", FirstLine(error.what())));
+  }
+}
+
+}  // namespace raylift
