@@ -45,6 +45,9 @@ macro(raylift_find package)
     raylift_find_library(libzip zip.h zip)
   elseif("${package}" STREQUAL "WebP")
     raylift_find_library(WebP webp/decode.h webp)
+  elseif("${package}" STREQUAL "PROJ")
+    # Ubuntu 22.04 leaves its CMake files out.
+    raylift_find_library(PROJ proj.h proj)
   elseif("${package}" STREQUAL "OpenVDB")
     # Its headers include Boost's, on which its package does not depend.
     raylift_find_library(OpenVDB openvdb/openvdb.h openvdb)

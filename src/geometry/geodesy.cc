@@ -161,6 +161,18 @@ std::optional<Vector3d> Transformed(const Object& operation, const Vector3d& poi
   return result;
 }
 
+// Returns whether datums or heights were taken as they are where PROJ transformed last.
+bool WasRough(const Context& context, const Object& operation) {
+#if PROJ_AT_LEAST_VERSION(9, 1, 0)
+  const Object used(proj_trans_get_last_used_operation(operation.get()));
+  return !used || proj_coordoperation_has_ballpark_transformation(context.get(), used.get()) != 0;
+#else  // of Ubuntu 22.04, which tells its name alone
+  static_cast<void>(context);
+  const std::string_view name(proj_pj_info(operation.get()).description);
+  return name.find("allpark") != name.npos || name.starts_with("unavailable");
+#endif
+}
+
 // Returns the operation to degrees and height of the system's own datum, from its prime meridian.
 Object ToGeographic(const Context& context, const Object& horizontal, const Object& geodetic) {
   const Object datum(proj_crs_get_datum_forced(context.get(), geodetic.get()));
@@ -376,10 +388,7 @@ Vector3d CrsTransform::operator()(const Vector3d& point) const {
 
 std::optional<std::string> CrsTransform::Warning() const {
   PJ_CONTEXT* const context = operation_->context.get();
-  const Object used(proj_trans_get_last_used_operation(operation_->operation.get()));
-  if (used && proj_coordoperation_has_ballpark_transformation(context, used.get()) == 0) {
-    return std::nullopt;
-  }
+  if (!WasRough(operation_->context, operation_->operation)) return std::nullopt;
   std::string grids;
   const Owned<PJ_OPERATION_FACTORY_CONTEXT> factory(
       proj_create_operation_factory_context(context, nullptr));
