@@ -1,5 +1,6 @@
 #include "surfaces/gltf_compression.h"
 
+#include <cstring>
 #include <exception>
 #include <memory>
 #include <new>
@@ -7,7 +8,6 @@
 
 #include "base/read_limits.h"
 #include <draco/compression/decode.h>
-#include <draco/compression/mesh/mesh_decoder.h>
 #include <draco/core/varint_decoding.h>
 #include <draco/metadata/metadata_decoder.h>
 #include <fmt/format.h>
@@ -24,13 +24,20 @@ draco::DecoderBuffer BufferOf(std::string_view bytes) {
   return buffer;
 }
 
+// Returns whether the bytes begin as Draco's do. Ubuntu 22.04 lacks headers that its function needs.
+bool ReadHeader(draco::DecoderBuffer& buffer, draco::DracoHeader& header) {
+  return buffer.Decode(header.draco_string, sizeof(header.draco_string)) &&
+         std::memcmp(header.draco_string, "DRACO", sizeof(header.draco_string)) == 0 &&
+         buffer.Decode(&header.version_major) && buffer.Decode(&header.version_minor) &&
+         buffer.Decode(&header.encoder_type) && buffer.Decode(&header.encoder_method) &&
+         buffer.Decode(&header.flags);
+}
+
 // Holds what the header claims against the bytes, as the decoder takes memory for it.
 void CheckDracoClaims(std::string_view bytes) {
   draco::DecoderBuffer buffer = BufferOf(bytes);
   draco::DracoHeader header;
-  if (!draco::PointCloudDecoder::DecodeHeader(&buffer, &header).ok()) {
-    throw InputError("expected a mesh that Draco compressed");
-  }
+  if (!ReadHeader(buffer, header)) throw InputError("expected a mesh that Draco compressed");
   if (DRACO_BITSTREAM_VERSION(header.version_major, header.version_minor) <
       DRACO_BITSTREAM_VERSION(2, 2)) {
     throw InputError(fmt::format("expected Draco's bitstream 2.2, as glTF has it, found {}.{}",
