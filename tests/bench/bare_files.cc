@@ -6,11 +6,11 @@
 #include <string>
 #include <vector>
 
-#include <Imath/half.h>
 #include <OpenEXR/ImfChannelList.h>
 #include <OpenEXR/ImfFrameBuffer.h>
 #include <OpenEXR/ImfHeader.h>
 #include <OpenEXR/ImfOutputFile.h>
+#include <half.h>
 #include <opencv2/imgcodecs.hpp>
 
 namespace raylift {

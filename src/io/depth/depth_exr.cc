@@ -12,7 +12,7 @@
 #include "base/read_limits.h"
 #include "io/depth/depth_formats.h"
 #include "io/depth/sample_rounding.h"
-#include <Imath/ImathBox.h>
+#include <ImathBox.h>
 #include <OpenEXR/ImfChannelList.h>
 #include <OpenEXR/ImfFrameBuffer.h>
 #include <OpenEXR/ImfHeader.h>
