@@ -7,6 +7,7 @@
 #include <span>
 
 #include "base/json_text.h"
+#include "base/lost_file.h"
 #include "localization/results/result_json.h"
 #include "service/documents.h"
 #include "service/geopose.h"
@@ -115,6 +116,9 @@ auto AsProblems(const ServerOptions& options, const Function& work) {
   } catch (const OutputError& error) {
     if (options.log) options.log(error.what());
     throw Problem(503, "the answer could not be kept");
+  } catch (const LostFile& error) {
+    if (options.log) options.log(error.what());
+    throw TryLater(503, "a file of the scene cannot be read");
   } catch (const InputError& error) {
     throw ProblemOfInput(error.what());
   } catch (const std::bad_alloc&) {
@@ -122,6 +126,15 @@ auto AsProblems(const ServerOptions& options, const Function& work) {
   } catch (const std::exception& error) {
     if (options.log) options.log(fmt::format("this is a bug: {}", error.what()));
     throw Problem(500, "this is a bug; the server's log says more");
+  }
+}
+
+// Reads what the scene keeps on disk, as depth maps.
+void LiftByFilesOf(const Localizer& localizer, QueryResult& result) {
+  try {
+    localizer.Lift(result);
+  } catch (const InputError& error) {
+    throw LostFile(error.what());
   }
 }
 
@@ -333,7 +346,7 @@ LocalizedQuery Service::Run(const Opened& opened, LocalizeRequest request, const
       [&](auto& evidence) { return localizer.Match(request.query, std::move(evidence)); },
       request.evidence);
   watch.Check();
-  localizer.Lift(result);
+  LiftByFilesOf(localizer, result);
   watch.Check();
   localizer.Filter(result);
   watch.Check();

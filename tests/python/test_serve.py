@@ -5,6 +5,7 @@ import functools
 import http.client
 import json
 import operator
+import os
 import re
 import signal
 import socket
@@ -14,7 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from served import DEMO, QUERIES, RAYLIFT, SCENE, Server, form, lines_of, photograph, query_form
+from served import DEMO, FAST, QUERIES, RAYLIFT, SCENE, Server, form, lines_of, photograph, query_form
 
 
 @pytest.fixture(scope="module")
@@ -185,6 +186,16 @@ def test_features_stand_for_the_image(server):
     found, expected = (json.loads(text)["cam_from_world"] for text in (body, server.localize(name)))
     for part in ("qvec", "tvec"):
         assert found[part] == pytest.approx(expected[part], abs=1e-4)
+
+
+def test_features_that_the_scene_has_lost_are_no_fault_of_the_client(tmp_path):
+    name = sorted(QUERIES)[0]
+    with Server("--cache", tmp_path, *FAST) as server:
+        os.truncate(tmp_path / "features.h5", 4096)
+        lost = server.ask("/v1/localize", *query_form(name))
+        assert problem(lost, 503) == "a file of the scene cannot be read" and lost[1]["Retry-After"] == "1"
+        code, told = server.end()
+        assert code == 0 and f"{tmp_path}/features.h5: " in told
 
 
 def test_sigterm_answers_what_is_there_and_ends_with_0(run):

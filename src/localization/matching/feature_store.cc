@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "base/hash.h"
+#include "base/lost_file.h"
 #include "base/progress.h"
 #include "jobs/manifest_file.h"
 #include <fmt/format.h>
@@ -66,7 +67,13 @@ std::shared_ptr<const ImageFeatures> FeatureStore::Get(const std::string& image)
     }
   }
   // Two threads that want the same image may both read it.
-  const auto features = Indexed(entry.file->Read(image));
+  const auto features = [&] {
+    try {
+      return Indexed(entry.file->Read(image));
+    } catch (const InputError& error) {
+      throw LostFile(error.what());
+    }
+  }();
   const std::scoped_lock lock(mutex_);
   if (entry.held == nullptr) Keep(&entry, features);
   return entry.held;

@@ -38,7 +38,7 @@ class FeatureStore {
   void Add(const std::string& image, Features features);
   void Add(const std::string& image, std::shared_ptr<const FeatureFile> file, std::string stamp);
 
-  // The images must have been added. Thread safe; InputError where the file does not hold one.
+  // The images must have been added. Thread safe; LostFile where the file does not give one.
   std::shared_ptr<const ImageFeatures> Get(const std::string& image) const;
   PlaneSize SizeOf(const std::string& image) const;  // without reading the features
   const std::string& StampOf(const std::string& image) const;
