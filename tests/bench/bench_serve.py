@@ -7,6 +7,8 @@ this one process on the same cores:
 - requests a second and percentiles of their times for 1, 2, 8 and 64 clients that send photographs one after the other;
 - at twice the rate that 64 clients get, each request on a connection of its own: how long what is accepted takes
   beside that, how many are refused by 429, and that nothing else fails;
+- how long one client's photographs take while others send batches one after the other, beside those of one client
+  among as many others that send single ones: a batch is no way past them;
 - the server's CPU time for each answer beside that of `localize` for each query, in pairs.
 
 N (15) seconds are measured of each; further options (--max-features 1000) are those of `serve` and `localize`. Ratios
@@ -54,13 +56,24 @@ def scenes(folder):
             for name, scene, images, queries in found]
 
 
-def request_of(name, camera, images):
+def form(query, photographs):
+    """`photographs` are (name, file)."""
     boundary = "raylift-bench-boundary"
     part = f'--{boundary}\r\nContent-Disposition: form-data; name='
-    query = json.dumps({"name": name, "camera": camera})
-    body = (f'{part}"query"\r\n\r\n{query}\r\n{part}"image"; filename="a.jpg"\r\n\r\n'.encode()
-            + (images / name).read_bytes() + f"\r\n--{boundary}--\r\n".encode())
-    return body, {"Content-Type": f"multipart/form-data; boundary={boundary}"}
+    body = f'{part}"query"\r\n\r\n{json.dumps(query)}\r\n'.encode()
+    for name, file in photographs:
+        body += f'{part}"image"; filename="{name}"\r\n\r\n'.encode() + file.read_bytes() + b"\r\n"
+    return body + f"--{boundary}--\r\n".encode(), {"Content-Type": f"multipart/form-data; boundary={boundary}"}
+
+
+def request_of(name, camera, images):
+    return form({"name": name, "camera": camera}, [("a.jpg", images / name)])
+
+
+def batch_of(queries, images):
+    """All that the first one's camera took."""
+    camera = next(iter(queries.values()))
+    return form({"camera": camera}, [(name, images / name) for name in queries if queries[name] == camera])
 
 
 # ---- the server and its clients ----
@@ -88,12 +101,12 @@ class Server:
         return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def ask(connection, request):
+def ask(connection, request, path="/v1/localize"):
     """The status; 0 where none came."""
     body, headers = request
     try:
         try:
-            connection.request("POST", "/v1/localize", body, headers)
+            connection.request("POST", path, body, headers)
         except ConnectionError:  # refused before the whole body was read
             pass
         answer = connection.getresponse()
@@ -157,6 +170,27 @@ def closed_loop(server, requests, clients, seconds):
     found = answers.between(begin, end)
     failed = collections.Counter(status for _, status in found if status != 200)
     return [taken for taken, status in found if status == 200], failed, end - begin, cpu
+
+
+def beside_others(server, requests, sent, path, seconds):
+    """The times of one client beside two others that send this one after the other."""
+    ends = threading.Event()
+
+    def other():
+        connection = server.connect()
+        while not ends.is_set():
+            if ask(connection, sent, path) == 429:
+                ends.wait(1)
+        connection.close()
+
+    others = [threading.Thread(target=other) for _ in range(2)]
+    for thread in others:
+        thread.start()
+    times, _, measured, _ = closed_loop(server, requests, 1, seconds)
+    ends.set()
+    for thread in others:
+        thread.join()
+    return times, measured
 
 
 def open_loop(server, requests, rate, seconds):
@@ -263,10 +297,14 @@ def measure(raylift, name, scene, images, queries, work, seconds, more):
             if failed:
                 print(f"  beside them, by status: {dict(failed)}")
         pairs = cpu_pairs_ms(server, raylift, scene, queries, images, calibration, work / "cache", work / "cpu", more)
+        _, p99_single = row("1 beside 2 others", *beside_others(server, requests, requests[0], "/v1/localize", seconds))
+        _, p99_batch = row("1 beside 2 batches", *beside_others(server, requests, batch_of(queries, images),
+                                                                "/v1/localize/batch", seconds))
         accepted, refused, others, measured = open_loop(server, requests, 2 * full_rate, seconds)
         _, p99 = row("twice that: accepted", accepted, measured)
         row("twice that: refused (429)", refused, measured)
     print(f"p99 of what is accepted, beside 64 clients: {judged(p99 / full_p99, MOST_P99_RATIO)}")
+    print(f"p99 of one beside batches, beside that beside single photographs: {p99_batch / p99_single:.2f}")
     print(f"failed but by 429: {f'no: {dict(others)}' if others else 'none'}")
     tell_cpu(pairs)
 
