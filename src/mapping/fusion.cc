@@ -125,8 +125,8 @@ std::vector<Field> FieldsOf(FusionOptions& options) {
 void RequireFusion() {
   if (CanFuse()) return;
   throw OptionError(
-      "fusing needs OpenVDB 9, without which this program was built; on Debian and Ubuntu install "
-      "libopenvdb-dev and libboost-dev, and build it again");
+      "fusing needs OpenVDB 9, without which this program was built; on Debian 12 and "
+      "Ubuntu 24.04 or later install libopenvdb-dev and libboost-dev, and build it again");
 }
 
 std::vector<PosedImage> ViewsToFuse(const NamedGeometry& geometry,
