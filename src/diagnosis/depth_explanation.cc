@@ -13,6 +13,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/parallel.h"
+#include "raylift/lifting/mesh_source.h"
 
 namespace raylift {
 namespace {
@@ -26,11 +27,8 @@ constexpr size_t kMaxSamples = 20000;  // of all views; bounds the time
 // Three standard errors: one in 700 by chance.
 constexpr double kSure = 3;
 constexpr double kMinExplained = 0.5;  // most of it
-// Over another cause: a tenth of what is left, lest what neither models decides, and a hundredth of
-// what there was, lest rounding does.
+// Over another cause: a tenth of what is left, lest what neither models decides.
 constexpr double kMinLeadOfRest = 0.1;
-constexpr double kMinLeadOfAll = 0.01;
-constexpr double kMostOfAll = 0.5;  // a wrong unit does not count as more
 constexpr double kLeastFlyingPercent = 8;
 constexpr double kLeastError = 0.008;  // as of the finding "noise"
 // Equal maps differ by no more as floats.
@@ -242,8 +240,8 @@ std::optional<DepthExplanation> ExplainDepthErrors(std::span<const ExplainedView
   const auto beats = [&](size_t a, size_t b) {
     const Estimate estimate = lead(a, b);
     const double rest = error.mean - MeanOverBlocks(judging, gains[a]).mean;
-    return estimate.IsSurelyAbove(0) && estimate.mean > kMinLeadOfRest * rest &&
-           estimate.mean > kMinLeadOfAll * std::min(beyond, kMostOfAll);
+    return estimate.IsSurelyAbove(0) &&
+           estimate.mean > std::max(kMinLeadOfRest * rest, kRoundingOfFloats);
   };
   std::vector<size_t> good;
   for (size_t i = 0; i < causes.size(); ++i) {
@@ -251,6 +249,7 @@ std::optional<DepthExplanation> ExplainDepthErrors(std::span<const ExplainedView
     const Estimate gain = MeanOverBlocks(judging, gains[i]);
     if (gain.IsSurelyAbove(0) && gain.IsSurelyAbove(kMinExplained * beyond)) good.push_back(i);
   }
+  std::string alike;
   for (const size_t i : good) {
     bool is_beaten = false, has_peer = false;
     for (size_t other = 0; other < causes.size(); ++other) {
@@ -264,7 +263,11 @@ std::optional<DepthExplanation> ExplainDepthErrors(std::span<const ExplainedView
     }
     if (is_beaten) continue;
     if (has_peer) {
-      if (!Contains(result.alike, causes[i]->cause)) result.alike.push_back(causes[i]->cause);
+      if (Contains(result.alike, causes[i]->cause)) continue;
+      result.alike.push_back(causes[i]->cause);
+      const std::string words = Describe(*causes[i]);
+      alike += (alike.empty() ? "" : " or ") +
+               (words.empty() ? std::string(ToString(causes[i]->cause)) : words);
       continue;
     }
     result.cause = causes[i]->cause;
@@ -275,6 +278,7 @@ std::optional<DepthExplanation> ExplainDepthErrors(std::span<const ExplainedView
     result.text = Describe(*causes[i]);
   }
   if (result.cause) result.alike.clear();
+  if (!result.alike.empty()) result.text = alike + " would do alike";
   return result;
 }
 
@@ -283,9 +287,12 @@ void AddExplanation(const DepthExplanation& explanation, std::vector<Finding>& f
   constexpr std::array kTraces = {kScale,         kPerImageScale,       kWarp,  kNoise,
                                   kAdditiveNoise, kMultiplicativeNoise, kEdges, kFloaters,
                                   kBubbles,       kQuantization};
-  if (explanation.cause && *explanation.cause != kScale) {
+  const bool is_told = explanation.cause && *explanation.cause != kScale;
+  if (is_told || !explanation.alike.empty()) {
     std::erase_if(findings,
                   [&](const Finding& finding) { return Contains(kTraces, finding.fault); });
+  }
+  if (is_told) {
     findings.insert(findings.begin(), {*explanation.cause, explanation.size.front(),
                                        explanation.severity, explanation.text});
     return;
@@ -300,10 +307,7 @@ void AddExplanation(const DepthExplanation& explanation, std::vector<Finding>& f
                                        explanation.flying_percent)});
   }
   if (!explanation.alike.empty()) {
-    std::vector<std::string_view> names;
-    for (const DepthFault fault : explanation.alike) names.push_back(ToString(fault));
-    findings.push_back({kUnexplained, 0, 1,
-                        fmt::format("not explained: {} would do alike", fmt::join(names, " or "))});
+    findings.insert(findings.begin(), {kUnexplained, 0, 1, "not explained: " + explanation.text});
   } else if (findings.empty() && explanation.is_beyond_noise && explanation.error >= kLeastError) {
     findings.push_back({kUnexplained, explanation.error, explanation.error / kLeastError,
                         fmt::format("not explained: errors of {:.1f} % that no one cause makes, "
@@ -329,6 +333,7 @@ std::vector<ExplainedView> ViewsToExplain(const GeometrySource& source, const Ge
                    [&](size_t a, size_t b) { return images[a].name < images[b].name; });
   const size_t count = std::min(kMaxViews, images.size());
   std::vector<ExplainedView> views(count);
+  const bool is_seen_from_anywhere = dynamic_cast<const MeshSource*>(&truth) != nullptr;
   ParallelFor(count, threads, [&](size_t k) {
     // The middles of equal parts.
     const size_t place = (2 * k + 1) * images.size() / (2 * count);
@@ -340,6 +345,14 @@ std::vector<ExplainedView> ViewsToExplain(const GeometrySource& source, const Ge
     view.image_px = static_cast<double>(original.camera.width_px()) / image.camera.width_px();
     view.estimated = LookThrough(source, image).depth;
     view.truth = LookThrough(truth, image).depth;
+    if (is_seen_from_anywhere) {
+      view.truth_from = [&truth, image](const Rigid3& cam_from_map_camera, const Vector2d& pixel) {
+        const PosedImage moved = {image.name, image.camera,
+                                  cam_from_map_camera.Inverse() * image.cam_from_world};
+        const auto point = truth.Lift(moved, std::span(&pixel, 1)).front();
+        return point ? point->depth_z : 0;
+      };
+    }
     for (int offset = -kMaxFrames; offset <= kMaxFrames; ++offset) {
       const auto other = static_cast<std::ptrdiff_t>(place) + offset;
       if (other < 0 || other >= static_cast<std::ptrdiff_t>(images.size())) continue;

@@ -23,6 +23,7 @@
 #pragma once
 
 #include <array>
+#include <functional>
 #include <optional>
 #include <span>
 #include <string>
@@ -49,9 +50,14 @@ struct ExplainedView {
   // The cameras of the frames from kMaxFrames before to kMaxFrames after; the middle one is itself.
   std::array<std::optional<Rigid3>, 2 * kMaxFrames + 1> frames_from_cam;
   std::string name = {};  // of the image
+  // Returns the true z-depth that a camera sees at a pixel which stands there in place of the
+  // image's, 0 where there is none. Empty where the truth is known by its map alone.
+  std::function<double(const Rigid3& cam_from_map_camera, const Eigen::Vector2d& pixel)>
+      truth_from = {};
 };
 
 // Returns a few of the images, evenly spread. Frames follow each other in the order of their names.
+// `truth` must outlive them.
 std::vector<ExplainedView> ViewsToExplain(const GeometrySource& source, const GeometrySource& truth,
                                           std::span<const PosedImage> images, int threads);
 

@@ -27,6 +27,10 @@ constexpr double kDegPerRad = 180 / std::numbers::pi;
 // Half of the half pixel by which conventions of pixel centers differ.
 constexpr double kLeastMovePx = 0.25;
 constexpr double kStopPx = 1.0 / 64;
+// For the last steps the truth is seen again, at some of the samples, if that may explain most.
+constexpr double kPolishPx = 0.25;
+constexpr size_t kPolishEvery = 4;
+constexpr double kMostLeftToPolish = 0.75;
 
 // Linear in inverse depth on one surface, else the nearest pixel's; 0 where there is none.
 double DepthAt(const DepthMap& map, const Vector2d& pixel) {
@@ -49,10 +53,21 @@ double DepthAt(const DepthMap& map, const Vector2d& pixel) {
   return 1 / ((1 - fy) * ((1 - fx) / z[0] + fx / z[1]) + fy * ((1 - fx) / z[2] + fx / z[3]));
 }
 
+// What a motion predicts: by the pixels of the true map, which is quick but does not know what lies
+// between them or behind an edge, and by the truth seen again (ExplainedView::truth_from).
+struct MotionModel {
+  Residual by_map, by_truth;
+};
+
 class MotionFitter {
  public:
   MotionFitter(std::span<const ExplainedView> views, std::span<const CauseSample> training)
-      : views_(views), training_(training), median_depth_(MedianTrueDepth(training)) {}
+      : views_(views),
+        training_(training),
+        median_depth_(MedianTrueDepth(training)),
+        is_seen_from_anywhere_(views.front().truth_from != nullptr) {
+    for (size_t i = 0; i < training.size(); i += kPolishEvery) polishing_.push_back(training[i]);
+  }
 
   std::optional<CauseFit> Shift() const {
     auto fitted = Moved(DepthFault::kShift, Grid(2), [this](const Parameters& px) {
@@ -72,7 +87,7 @@ class MotionFitter {
                       const DepthMap& map = views_[sample.view].truth;
                       return {in_x ? map.width_px - sample.pixel.x() : sample.pixel.x(),
                               in_y ? map.height_px - sample.pixel.y() : sample.pixel.y()};
-                    })};
+                    }).by_map};
   }
 
   std::optional<CauseFit> Zoom() const {
@@ -135,7 +150,8 @@ class MotionFitter {
       return RigidMotion([this, offset = frames[0]](size_t view) { return AtTime(view, offset); });
     };
     const Parameters found = FindLeast(starts, 0.25, 1.0 / 64, [&](const Parameters& parameters) {
-      return MeanError(model(parameters), training_);
+      return is_seen_from_anywhere_ ? MeanError(model(parameters).by_truth, polishing_)
+                                    : MeanError(model(parameters).by_map, training_);
     });
     // How far it moves what is seen, as the others are judged.
     std::vector<double> moves_px;
@@ -148,7 +164,7 @@ class MotionFitter {
     }
     if (moves_px.empty()) return std::nullopt;
     const double move_px = MidpointMedianInPlace(std::span(moves_px));
-    return CauseFit{DepthFault::kTimeOffset, found, move_px / kLeastMovePx, model(found)};
+    return CauseFit{DepthFault::kTimeOffset, found, move_px / kLeastMovePx, Best(model(found))};
   }
 
  private:
@@ -164,12 +180,19 @@ class MotionFitter {
   template <typename Model>
   std::optional<CauseFit> Moved(DepthFault cause, const std::vector<Parameters>& starts,
                                 Model model) const {
-    const Parameters found = FindLeast(starts, 2, kStopPx, [&](const Parameters& parameters) {
-      return MeanError(model(parameters), training_);
+    Parameters found = FindLeast(starts, 2, kStopPx, [&](const Parameters& parameters) {
+      return MeanError(model(parameters).by_map, training_);
     });
+    if (is_seen_from_anywhere_) {
+      const auto error = [&](const Parameters& parameters) {
+        return MeanError(model(parameters).by_truth, polishing_);
+      };
+      const bool is_worth_it = error(found) < kMostLeftToPolish * ErrorAsItIs(polishing_);
+      if (is_worth_it) found = FindLeast({found}, kPolishPx, kStopPx, error);
+    }
     double largest_px = 0;
     for (const double px : found) largest_px = std::max(largest_px, std::abs(px));
-    return CauseFit{cause, found, largest_px / kLeastMovePx, model(found)};
+    return CauseFit{cause, found, largest_px / kLeastMovePx, Best(model(found))};
   }
 
   static std::vector<Parameters> Grid(size_t dimensions) {
@@ -186,27 +209,40 @@ class MotionFitter {
     return grid;
   }
 
-  Residual PixelMotion(std::function<Vector2d(const CauseSample&)> motion) const {
-    return [this, motion = std::move(motion)](const CauseSample& sample) {
-      return LogRatio(sample.estimated, DepthAt(views_[sample.view].truth, motion(sample)));
-    };
+  Residual Best(const MotionModel& model) const {
+    return is_seen_from_anywhere_ ? model.by_truth : model.by_map;
+  }
+
+  MotionModel PixelMotion(std::function<Vector2d(const CauseSample&)> motion) const {
+    return {[this, motion](const CauseSample& sample) {
+              return LogRatio(sample.estimated, DepthAt(views_[sample.view].truth, motion(sample)));
+            },
+            [this, motion](const CauseSample& sample) {
+              const auto& truth_from = views_[sample.view].truth_from;
+              return LogRatio(sample.estimated, truth_from({}, motion(sample)));
+            }};
   }
 
   double FocalFactor(double corner_px) const { return 1 + corner_px / HalfDiagonalPx(); }
 
   // The estimated points, moved to where the image's camera stands, against what it sees there.
-  Residual RigidMotion(std::function<std::optional<Rigid3>(size_t)> cam_from_map_camera) const {
+  MotionModel RigidMotion(std::function<std::optional<Rigid3>(size_t)> cam_from_map_camera) const {
     std::vector<std::optional<Rigid3>> motions;
     for (size_t i = 0; i < views_.size(); ++i) motions.push_back(cam_from_map_camera(i));
-    return
-        [this, motions = std::move(motions)](const CauseSample& sample) -> std::optional<double> {
-          const auto& motion = motions[sample.view];
-          if (!motion) return std::nullopt;
-          const Vector3d point = *motion * Vector3d(sample.ray * sample.estimated);
-          const auto pixel = CameraOf(sample).ImgFromCam(point);
-          if (!pixel) return std::nullopt;
-          return LogRatio(point.z(), DepthAt(views_[sample.view].truth, *pixel));
-        };
+    return {[this, motions](const CauseSample& sample) -> std::optional<double> {
+              const auto& motion = motions[sample.view];
+              if (!motion) return std::nullopt;
+              const Vector3d point = *motion * Vector3d(sample.ray * sample.estimated);
+              const auto pixel = CameraOf(sample).ImgFromCam(point);
+              if (!pixel) return std::nullopt;
+              return LogRatio(point.z(), DepthAt(views_[sample.view].truth, *pixel));
+            },
+            [this, motions](const CauseSample& sample) -> std::optional<double> {
+              const auto& motion = motions[sample.view];
+              if (!motion) return std::nullopt;
+              return LogRatio(sample.estimated,
+                              views_[sample.view].truth_from(*motion, sample.pixel));
+            }};
   }
 
   // cam_from_map_camera where the map's camera stood between two frames.
@@ -227,6 +263,8 @@ class MotionFitter {
   std::span<const ExplainedView> views_;
   std::span<const CauseSample> training_;
   double median_depth_;
+  bool is_seen_from_anywhere_;
+  std::vector<CauseSample> polishing_;
 };
 
 }  // namespace

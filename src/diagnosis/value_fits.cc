@@ -145,7 +145,7 @@ class ValueFitter {
   // Any function of the depth: ln(estimated / true) is linear in ln(true) between the medians of
   // parts of the samples.
   std::optional<CauseFit> Curve() const {
-    constexpr size_t kParts = 12;
+    constexpr size_t kParts = 48;
     std::vector<std::pair<double, double>> samples;
     for (const CauseSample& s : training_) {
       samples.emplace_back(std::log(s.truth), std::log(s.estimated / s.truth));

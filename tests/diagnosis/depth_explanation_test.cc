@@ -63,7 +63,8 @@ MATCHER_P(IsCause, cause, std::string(ToString(cause))) {
 }
 
 TEST(DepthExplanation, AShiftHasItsSize) {
-  for (const Eigen::Vector2d& shift : {Eigen::Vector2d(1, 0), Eigen::Vector2d(-2, 3.5)}) {
+  for (const Eigen::Vector2d& shift :
+       {Eigen::Vector2d(1, 0), Eigen::Vector2d(-2, 3.5), Eigen::Vector2d(0.5, -0.5)}) {
     const auto found = Explain([&](const ComparedRoom& room, const PosedImage& image) {
       return Cast(room, Pinhole(300, 192 + shift.x(), 144 + shift.y()), image.cam_from_world);
     });
@@ -142,6 +143,25 @@ TEST(DepthExplanation, ATimeOffsetIsInFrames) {
   EXPECT_NEAR(found.size[0], 1, 0.05);
 }
 
+// Maps under each other's names, of images that hardly see the same.
+TEST(DepthExplanation, ATimeOffsetIsFoundBetweenImagesThatShareLittle) {
+  ComparedRoom room = LargeRoom();
+  for (size_t i = 0; i < room.images.size(); ++i) {
+    const double angle = 1.9 * static_cast<double>(i);
+    room.images[i].cam_from_world =
+        LookAt({0.5 * std::sin(angle), 0, -2}, {3 * std::cos(angle), 0, 3 * std::sin(angle)});
+  }
+  const auto images = room.images;
+  const auto found = Explain(
+      [&](const ComparedRoom& of, const PosedImage& image) {
+        const auto index = static_cast<size_t>(image.name[1] - '0');
+        return Cast(of, image.camera, images[index > 0 ? index - 1 : 0].cam_from_world);
+      },
+      0, room);
+  ASSERT_THAT(found, IsCause(DepthFault::kTimeOffset));
+  EXPECT_NEAR(found.size[0], -1, 0.05);
+}
+
 TEST(DepthExplanation, AnOffsetIsNoFactor) {
   const auto found = Explain(Perturbed({.offset = 0.2}));
   ASSERT_THAT(found, IsCause(DepthFault::kOffset));
@@ -159,6 +179,19 @@ TEST(DepthExplanation, AffineInverseDepthIsNamed) {
   ASSERT_THAT(found, IsCause(DepthFault::kInverseOffset));
   EXPECT_NEAR(found.size[0], 0.9, 1e-3);
   EXPECT_NEAR(found.size[1], 0.06, 1e-3);
+}
+
+// As an inverse offset to the first order.
+TEST(DepthExplanation, ADriftWithDepthIsACurve) {
+  const auto found = Explain([](const ComparedRoom& room, const PosedImage& image) {
+    DepthMap map = Cast(room, image.camera, image.cam_from_world);
+    for (float& z : map.z) z *= 1 + 0.02F * z;
+    return map;
+  });
+  ASSERT_THAT(found, IsCause(DepthFault::kCurve));
+  for (size_t i = 0; i < found.size.size(); i += 2) {
+    EXPECT_NEAR(found.size[i + 1], 0.02 * found.size[i], 1e-3);
+  }
 }
 
 TEST(DepthExplanation, AClampHasItsLimit) {
@@ -223,6 +256,11 @@ TEST(DepthExplanation, ConventionsThatWereMisreadAreNamed) {
     ASSERT_THAT(found, IsCause(DepthFault::kRayLength));
     EXPECT_EQ(found.size, std::vector<double>{double(power)});
   }
+  // Much is explained by a power, too, but for little of what there is in all.
+  const auto inverse = Explain(
+      EachPixel([](const DepthMap& z, int u, int v) { return 1 / (120 / z.At(u, v) + 4); }));
+  ASSERT_THAT(inverse, IsCause(DepthFault::kInverseOffset));
+  EXPECT_NEAR(inverse.size[1], 4, 0.01);
   for (const float shift : {0.0F, 20.0F}) {
     const auto found = Explain(
         EachPixel([shift](const DepthMap& z, int u, int v) { return 300 / z.At(u, v) + shift; }));
@@ -331,6 +369,15 @@ TEST(DepthExplanation, ReplacesTheTracesOfACause) {
   AddExplanation(explanation, findings);
   ASSERT_EQ(findings.size(), 2u);
   EXPECT_EQ(findings[0].fault, DepthFault::kShift);
+  EXPECT_EQ(findings[1].fault, DepthFault::kHoles);
+
+  findings = {{DepthFault::kWarp, 0.1, 8, "warp"}, {DepthFault::kHoles, 7, 1.4, "holes"}};
+  explanation.cause.reset();
+  explanation.alike = {DepthFault::kShift, DepthFault::kRotation};
+  explanation.text = "shift or rotation would do alike";
+  AddExplanation(explanation, findings);
+  ASSERT_EQ(findings.size(), 2u);
+  EXPECT_EQ(findings[0].text, "not explained: shift or rotation would do alike");
   EXPECT_EQ(findings[1].fault, DepthFault::kHoles);
 
   std::vector<Finding> none;

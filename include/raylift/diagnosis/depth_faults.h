@@ -176,8 +176,8 @@ struct DepthExplanation {
   // Of the pixels at depth edges, those that lie between the two surfaces.
   double flying_percent = 0;
   std::string worst_place;  // "cam/1.jpg at 320, 240": of the largest errors
-  std::string text;         // "shift: maps lie 2.0, -1.0 px off"
-  double severity = 0;      // in units of the least that is worth a word
+  std::string text;  // "shift: maps lie 2.0, -1.0 px off"; of causes that explain it alike: which
+  double severity = 0;  // in units of the least that is worth a word
 };
 
 }  // namespace raylift
