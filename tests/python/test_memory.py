@@ -78,7 +78,7 @@ def test_no_memory_is_lost(prepare):
 
     tracemalloc.start()
     try:
-        for i in range(CALLS // 10):
+        for i in range(CALLS // 2):
             call()
             if i == 10:
                 gc.collect()
@@ -87,5 +87,5 @@ def test_no_memory_is_lost(prepare):
         lost = tracemalloc.get_traced_memory()[0] - traced
     finally:
         tracemalloc.stop()
-    # The smallest object has 16 bytes.
-    assert lost < 16 * (CALLS // 10 - 11), f"{lost} bytes more are held by Python"
+    # The smallest object has 16 bytes. Python and numpy keep up to 30 kB to use again.
+    assert lost < 16 * (CALLS // 2 - 11), f"{lost} bytes more are held by Python"
