@@ -7,6 +7,7 @@
 
 #include "base/hash.h"
 #include "base/json_text.h"
+#include "base/statistics.h"
 #include "io/text/line_tokens.h"
 #include "views/surface_labels.h"
 #include <fmt/format.h>
@@ -264,6 +265,22 @@ std::string WhyTheMeshIsUnseen(const RayCaster& scene,
   return fmt::format("none of {} images sees the {}, which is at {}; the cameras are at {}: {}",
                      camera_centers.size(), ToString(scene.kind()), Text(mesh_box),
                      Text(camera_box), Reason(camera_box, mesh_box));
+}
+
+std::optional<std::string> AskForUnit(const std::vector<Eigen::Vector3d>& camera_centers,
+                                      std::vector<double> farthest) {
+  constexpr double kLargestRatio = 100;
+  constexpr double kOneSpot = 1e-5;  // of the depth: a camera that turns tells nothing
+  Box box;
+  for (const Eigen::Vector3d& center : camera_centers) box.extend(center);
+  const double spread = box.isEmpty() ? 0 : box.diagonal().norm();
+  if (farthest.empty()) return std::nullopt;
+  const double depth = MidpointMedianInPlace(std::span(farthest));
+  if (depth <= kLargestRatio * spread || spread <= kOneSpot * depth) return std::nullopt;
+  return fmt::format(
+      "images show surfaces {:.3g} units away, and their cameras stand within {:.3g}: is the scene "
+      "in another unit than these (scale=0.001)?",
+      depth, spread);
 }
 
 }  // namespace raylift

@@ -186,19 +186,25 @@ size_t NumRays(const ViewCamera& camera, const RenderJobOptions& options) {
   return has_color && side > 1 ? pixels * (1 + side * side) : pixels;
 }
 
-// Warns where no image sees anything, which comes of a mistake.
+// Warns where no image sees anything, or all look very far, which comes of a mistake.
 std::vector<std::string> WarningsOf(const ManifestEntries& entries,
                                     std::span<const RenderTask> tasks, const RayCaster& scene) {
-  const bool seen = std::any_of(entries.begin(), entries.end(),
-                                [](const auto& entry) { return entry.second.hits > 0; });
-  if (entries.empty() || seen) return {};
+  if (entries.empty()) return {};
+  std::vector<double> farthest;
+  bool seen = false;
+  for (const auto& [name, entry] : entries) {
+    seen = seen || entry.hits > 0;
+    if (entry.depth_range) farthest.push_back(static_cast<double>(entry.depth_range->second));
+  }
   std::vector<Eigen::Vector3d> centers;
   for (const RenderTask& task : tasks) {
     if (entries.contains(task.view.name)) {
       centers.push_back(task.view.cam_from_world.OriginInSource());
     }
   }
-  return {WhyTheMeshIsUnseen(scene, centers)};
+  if (!seen) return {WhyTheMeshIsUnseen(scene, centers)};
+  const auto question = AskForUnit(centers, std::move(farthest));
+  return question ? std::vector{*question} : std::vector<std::string>{};
 }
 
 // Writes README.txt unless there is another file of that name.

@@ -59,12 +59,13 @@ std::optional<SampledViews> Checked(SampledViews views, int wanted) {
   return views;
 }
 
-// Throws InputError where there are none.
-SampledViews Required(std::optional<SampledViews> views) {
+// Throws InputError where there are none; `way_out` is a further sentence.
+SampledViews Required(std::optional<SampledViews> views, std::string_view way_out = "") {
   if (!views) {
     throw InputError(
-        "no place for a camera was found: is the direction of up right, and are the clearance and "
-        "the eye height in the scene's unit?");
+        fmt::format("no place for a camera was found: is the direction of up right, and are the "
+                    "clearance and the eye height in the scene's unit?{}",
+                    way_out));
   }
   return *std::move(views);
 }
@@ -261,7 +262,8 @@ SampledViews SampleAround(const RayCaster& mesh, const ViewSamplerOptions& optio
 
 SampledViews SampleInside(const RayCaster& mesh, const ViewSamplerOptions& options,
                           const InsideOptions& inside) {
-  return Required(TrySampleInside(mesh, options, inside));
+  return Required(TrySampleInside(mesh, options, inside),
+                  " The modes cover and auto need no ground.");
 }
 
 std::optional<SampledViews> TrySampleInside(const RayCaster& mesh,

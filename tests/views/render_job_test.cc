@@ -207,6 +207,18 @@ TEST_F(RenderJob, CamerasThatAllMissTheMeshAreToldOf) {
   EXPECT_TRUE(Run(Options(folder_ / "seen")).warnings.empty());
 }
 
+TEST_F(RenderJob, AsksForTheUnitOfAMeshThatIsVeryLargeAroundTheCameras) {
+  const auto large = std::make_shared<const RayCaster>(
+      std::make_shared<const TriangleMesh>(MakeSphere({0, 0, 0}, 5000, 10, 20)));
+  std::vector<RenderTask> tasks = Tasks();
+  for (size_t i = 0; i < tasks.size(); ++i) {
+    tasks[i].view.cam_from_world.translation.x() += 0.1 * static_cast<double>(i);
+  }
+  const RenderSummary summary = RunRenderJob(large, tasks, Options(out_), {});
+  ASSERT_EQ(summary.warnings.size(), 1u);
+  EXPECT_NE(summary.warnings[0].find("in another unit"), std::string::npos) << summary.warnings[0];
+}
+
 TEST_F(RenderJob, AReadmeOfSomebodyElseStays) {
   WriteFile(out_ / "README.txt", "mine");
   Run(Options(out_));
