@@ -3,9 +3,11 @@
 import os
 import sqlite3
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 import raylift
 
@@ -13,14 +15,15 @@ DEMO = Path(os.environ["RAYLIFT_SOURCE"]) / "assets/demo"
 MESH = f"mesh:{DEMO / 'scene.obj'}"
 
 
-def truth():
+def truth() -> dict[str, raylift.PosedImage]:
     return {image.name: image for image in raylift.ColmapModel.read(DEMO / "ground_truth").posed_images}
 
 
 class HlocScene:
     """Random pixels of references and where queries see the same points of the mesh."""
 
-    def __init__(self, folder, num_queries=4, num_references=8, per_pair=150):
+    def __init__(self, folder: Path, num_queries: int = 4, num_references: int = 8,
+                 per_pair: int = 150) -> None:
         self.folder = Path(folder)
         self.truth = truth()
         self.queries = raylift.read_queries(DEMO / "queries.txt")[:num_queries]
@@ -29,8 +32,8 @@ class HlocScene:
         rng = np.random.default_rng(0)
         lifter = raylift.Lifter(self.scene.mesh)
         # Keypoints of an image, in hloc's pixels, and matches as pairs of their indices.
-        self.keypoints = {name: [] for name, _ in self.queries}
-        self.matches = {}
+        self.keypoints: dict[str, Any] = {query.name: [] for query in self.queries}
+        self.matches: dict[tuple[str, str], tuple[NDArray[np.int64], NDArray[np.int64]]] = {}
         for reference in self.references:
             camera = reference.camera
             pixels = rng.uniform([0, 0], [camera.width, camera.height], (2000, 2))
@@ -47,7 +50,7 @@ class HlocScene:
                 self.matches[name, reference.name] = (first + np.arange(len(of_reference)), of_reference)
         self._write()
 
-    def _write(self):
+    def _write(self) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)
         raylift.write_queries(self.query_list, self.queries)
         with h5py.File(self.features, "w") as file:
@@ -62,7 +65,7 @@ class HlocScene:
                 group["matching_scores0"] = np.ones(len(rows), np.float16)
                 pairs.write(f"{query} {reference}\n")
 
-    def write_database(self, file):
+    def write_database(self, file: Path) -> None:
         """The same as COLMAP's database, as far as it is read."""
         ids = {name: i for i, name in enumerate(self.keypoints, start=1)}
         with sqlite3.connect(file) as database:
@@ -91,5 +94,5 @@ class HlocScene:
     matches_file = property(lambda self: self.folder / "matches.h5")
     pairs = property(lambda self: self.folder / "pairs.txt")
 
-    def expect_near(self, name, pose, units=0.05):
+    def expect_near(self, name: str, pose: raylift.Rigid3, units: float = 0.05) -> None:
         assert np.linalg.norm(pose.center - self.truth[name].cam_from_world.center) < units, name

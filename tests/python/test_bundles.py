@@ -1,25 +1,28 @@
 """Depth as networks write it: bundles in each layout from rendered truth, read exactly."""
 
 import itertools
+from pathlib import Path
+from typing import Any, Callable
 
 import h5py
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import raylift
 from scenes import HlocScene
-from synthetic import pose
+from synthetic import pose, some
 from test_rendering import DEMO
 
 SIZES = [(640, 480), (480, 640), (1000, 667), (667, 1000), (1280, 720), (500, 500)]
 
 
 @pytest.fixture(scope="module")
-def caster():
+def caster() -> raylift.RayCaster:
     return raylift.RayCaster(raylift.Mesh.read(DEMO / "scene.obj"))
 
 
-def references(size=(640, 480), count=3):
+def references(size: tuple[int, ...] = (640, 480), count: int = 3) -> list[raylift.PosedImage]:
     """The demo's first views, taken with a camera of this size."""
     width, height = size
     focal = 0.7 * max(size)
@@ -29,26 +32,28 @@ def references(size=(640, 480), count=3):
             for image in raylift.ColmapModel.read(DEMO / "model").posed_images[:count]]
 
 
-def render(caster, image, resized, shift, size):
+def render(caster: raylift.RayCaster, image: raylift.PosedImage, resized: tuple[int, ...],
+           shift: tuple[int, ...], size: tuple[int, ...]) -> NDArray[np.float32]:
     """Depth of the image resized to `resized` px and cut to `size` px at `shift` (below 0: padded)."""
-    width, height = resized
+    (width, height), (columns, lines) = resized, size
     fx, fy, cx, cy = image.camera.params
     sx, sy = width / image.camera.width, height / image.camera.height
-    camera = raylift.Camera("PINHOLE", *size, [sx * fx, sy * fy, sx * cx - shift[0], sy * cy - shift[1]])
+    camera = raylift.Camera("PINHOLE", columns, lines, [sx * fx, sy * fy, sx * cx - shift[0], sy * cy - shift[1]])
     depth = caster.render(camera, image.cam_from_world)["depth"].copy()
-    x, y = np.meshgrid(np.arange(size[0]) + shift[0], np.arange(size[1]) + shift[1])
+    x, y = np.meshgrid(np.arange(columns) + shift[0], np.arange(lines) + shift[1])
     depth[(x < 0) | (y < 0) | (x >= width) | (y >= height)] = 7  # what a network makes of padding
     return depth
 
 
-def expect_exact(caster, images, resized, file, **keys):
+def expect_exact(caster: raylift.RayCaster, images: list[raylift.PosedImage],
+                 resized: tuple[int, ...], file: Path, **keys: Path | str) -> raylift.DepthMaps:
     """Every map is the depth of the whole image at its resized size, where the network saw it."""
     maps = raylift.DepthMaps(file, images, **keys)
     for image in images:
-        read = maps.load(image)
+        read = some(maps.load(image))
         assert read.shape == resized[::-1]
         truth = render(caster, image, resized, (0, 0), resized)
-        seen = read > 0
+        seen = np.asarray(read > 0)
         assert seen.mean() > 0.4
         # The same rays, but for rounding; a few pass an edge on its other side.
         assert np.mean(~np.isclose(read, truth, rtol=1e-5)[seen]) < 1e-3
@@ -58,7 +63,10 @@ def expect_exact(caster, images, resized, file, **keys):
 # What the tools do to a photograph before the network sees it: the size to which it is resized,
 # where the map begins in it, and the map's size.
 
-def da3(width, height):
+Fit = tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]
+
+
+def da3(width: int, height: int) -> Fit:
     """Depth-Anything-3's input_processor.py, "upper_bound_resize"."""
     scale = 504 / max(width, height)
     sides = [max(1, int(round(side * scale))) for side in (width, height)]
@@ -66,7 +74,7 @@ def da3(width, height):
     return tuple(near), (0, 0), tuple(near)
 
 
-def dust3r(width, height):
+def dust3r(width: int, height: int) -> Fit:
     """dust3r/utils/image.py, load_images(size=512)."""
     w, h = (int(round(side * 512 / max(width, height))) for side in (width, height))
     cx, cy = w // 2, h // 2
@@ -76,13 +84,13 @@ def dust3r(width, height):
     return (w, h), (cx - half_w, cy - half_h), (2 * half_w, 2 * half_h)
 
 
-def vggt_crop(width, height):
+def vggt_crop(width: int, height: int) -> Fit:
     """vggt/utils/load_fn.py, mode "crop"."""
     h = round(height * (518 / width) / 14) * 14
     return (518, h), (0, max(0, h - 518) // 2), (518, min(h, 518))
 
 
-def vggt_pad(width, height):
+def vggt_pad(width: int, height: int) -> Fit:
     """vggt/utils/load_fn.py, mode "pad"."""
     if width >= height:
         w, h = 518, round(height * (518 / width) / 14) * 14
@@ -91,7 +99,7 @@ def vggt_pad(width, height):
     return (w, h), (-((518 - w) // 2), -((518 - h) // 2)), (518, 518)
 
 
-def mapanything(width, height):
+def mapanything(width: int, height: int) -> Fit:
     """mapanything/utils/image.py, "fixed_mapping" of 518; cropping.py."""
     sizes = {1.000: (518, 518), 1.321: (518, 392), 1.542: (518, 336), 1.762: (518, 294), 2.056: (518, 252),
              3.083: (518, 168), 0.757: (392, 518), 0.649: (336, 518), 0.567: (294, 518), 0.486: (252, 518)}
@@ -101,7 +109,8 @@ def mapanything(width, height):
     return (w, h), tuple(int(np.round(0.5 * (a - b))) for a, b in zip((w, h), size)), size
 
 
-def stack(caster, images, tool):
+def stack(caster: raylift.RayCaster, images: list[raylift.PosedImage],
+          tool: Callable[..., Any]) -> tuple[NDArray[np.float32], tuple[int, ...]]:
     layout = tool(images[0].camera.width, images[0].camera.height)
     return np.stack([render(caster, image, *layout) for image in images]), layout[0]
 
@@ -109,28 +118,31 @@ def stack(caster, images, tool):
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("tool, fit", [(da3, "whole"), (dust3r, "crop"), (vggt_crop, "width"),
                                        (vggt_pad, "pad"), (mapanything, "crop_floor")])
-def test_maps_of_resized_cut_and_padded_images_are_read_exactly(caster, tmp_path, size, tool, fit):
+def test_maps_of_resized_cut_and_padded_images_are_read_exactly(
+        caster: raylift.RayCaster, tmp_path: Path, size: tuple[int, ...], tool: Callable[..., Any],
+        fit: str) -> None:
     images = references(size)
     depth, resized = stack(caster, images, tool)
     np.savez(tmp_path / "results.npz", depth=depth)
     expect_exact(caster, images, resized, tmp_path / "results.npz", fit=fit)
 
 
-def test_depth_anything_3(caster, tmp_path):
+def test_depth_anything_3(caster: raylift.RayCaster, tmp_path: Path) -> None:
     images = references()
     depth, resized = stack(caster, images, da3)
     conf = np.full(depth.shape, 2, np.float32)
     conf[:, :100] = 1
-    arrays = {"image": np.zeros(depth.shape + (3,), np.uint8), "depth": np.round(depth, 8), "conf": conf,
-              "extrinsics": np.stack([rows(image.cam_from_world) for image in images]).astype(np.float32),
-              "intrinsics": np.zeros((len(images), 3, 3), np.float32)}
+    arrays: dict[str, Any] = {
+        "image": np.zeros(depth.shape + (3,), np.uint8), "depth": np.round(depth, 8), "conf": conf,
+        "extrinsics": np.stack([rows(image.cam_from_world) for image in images]).astype(np.float32),
+        "intrinsics": np.zeros((len(images), 3, 3), np.float32)}
     folder = tmp_path / "exports/mini_npz"
     folder.mkdir(parents=True)
     np.savez_compressed(folder / "results.npz", **arrays)
     for place in tmp_path, folder, folder / "results.npz":
         assert expect_exact(caster, images, resized, place, preset="da3").warnings == []
     trusted = raylift.DepthMaps(tmp_path, images, preset="da3", confidence_threshold=1.5)
-    assert (trusted.load(images[1])[:100] == 0).all() and (trusted.load(images[1])[100:] > 0).mean() > 0.5
+    assert (some(trusted.load(images[1]))[:100] == 0).all() and (some(trusted.load(images[1]))[100:] > 0).mean() > 0.5
     npy = tmp_path / "npy/exports/mini_npy"
     npy.mkdir(parents=True)
     for name, array in arrays.items():
@@ -139,15 +151,15 @@ def test_depth_anything_3(caster, tmp_path):
     assert "3 maps of float32 504 x 378, z, x 1 +- " in maps.understood
 
 
-def test_one_image_alone_is_a_bundle_too(caster, tmp_path):
+def test_one_image_alone_is_a_bundle_too(caster: raylift.RayCaster, tmp_path: Path) -> None:
     images = references(count=1)
     depth, resized = stack(caster, images, da3)
     np.savez(tmp_path / "results.npz", depth=depth,
-             extrinsics=np.float32([rows(images[0].cam_from_world)]))
+             extrinsics=np.array([rows(images[0].cam_from_world)], np.float32))
     assert expect_exact(caster, images, resized, tmp_path, preset="da3").warnings == []
 
 
-def test_keys_of_bundles_are_refused_for_maps_in_files_of_their_own(tmp_path):
+def test_keys_of_bundles_are_refused_for_maps_in_files_of_their_own(tmp_path: Path) -> None:
     [image] = references(count=1)
     alone = raylift.PosedImage("a.jpg", image.camera, image.cam_from_world)
     np.save(tmp_path / "a.npy", np.ones((480, 640), np.float32))
@@ -156,7 +168,8 @@ def test_keys_of_bundles_are_refused_for_maps_in_files_of_their_own(tmp_path):
             raylift.DepthMaps(tmp_path, [alone], **keys)
 
 
-def test_the_order_of_maps_is_that_of_the_references_names_or_of_a_list(caster, tmp_path):
+def test_the_order_of_maps_is_that_of_the_references_names_or_of_a_list(
+        caster: raylift.RayCaster, tmp_path: Path) -> None:
     images = references()
     depth, resized = stack(caster, images, da3)
     np.save(tmp_path / "depth.npy", depth[..., None])
@@ -189,21 +202,23 @@ def test_the_order_of_maps_is_that_of_the_references_names_or_of_a_list(caster, 
     ({"a": (3, 4, 6), "b": (1,)}, ",preset=mast3r", r'b.npz: expected an array "depth", found a, b'),
     ({"depth": (3, 4, 6)}, ",names={twice}", r"twice.txt: line 2: a stands twice"),
 ])
-def test_what_is_wrong_is_named_by_file_and_array(tmp_path, arrays, keys, message):
+def test_what_is_wrong_is_named_by_file_and_array(tmp_path: Path, arrays: dict[str, Any], keys: str,
+                                                  message: str) -> None:
     (tmp_path / "names.txt").write_text("a\nb\nc\n")
     (tmp_path / "twice.txt").write_text("a\na\n")
-    np.savez(tmp_path / "b.npz", **{name: np.ones(shape, np.float32) for name, shape in arrays.items()})
+    stored: dict[str, Any] = {name: np.ones(shape, np.float32) for name, shape in arrays.items()}
+    np.savez(tmp_path / "b.npz", **stored)
     keys = keys.format(names=tmp_path / "names.txt", twice=tmp_path / "twice.txt")
     with pytest.raises(raylift.InputError, match=message) as error:
         raylift.Geometry(f"depth:{tmp_path / 'b.npz'}{keys}", references=references())
     assert "\n" not in str(error.value)
 
 
-def rows(pose):
+def rows(pose: raylift.Rigid3) -> NDArray[np.float64]:
     return np.hstack([pose.rotation, pose.tvec[:, None]])
 
 
-def of_a_network(images, scale):
+def of_a_network(images: list[raylift.PosedImage], scale: float) -> list[raylift.Rigid3]:
     """Poses of the images in a frame of its own, `scale` times as large: camera from frame."""
     frame_from_world = pose([0.4, -1, 0.2], [5, 1, 2])
     poses = []
@@ -213,7 +228,8 @@ def of_a_network(images, scale):
     return poses
 
 
-def points_in(depth, image, size, cam_from_target=None):
+def points_in(depth: NDArray[np.float32], image: raylift.PosedImage, size: tuple[int, ...],
+              cam_from_target: raylift.Rigid3 | None = None) -> NDArray[np.float32]:
     """Points of a map of the whole image, in its camera's axes or another frame."""
     fx, fy, cx, cy = image.camera.scaled(*size).params
     x, y = np.meshgrid(np.arange(size[0]) + 0.5, np.arange(size[1]) + 0.5)
@@ -224,7 +240,7 @@ def points_in(depth, image, size, cam_from_target=None):
     return points.astype(np.float32)
 
 
-def test_vggt_has_poses_of_another_scale(caster, tmp_path):
+def test_vggt_has_poses_of_another_scale(caster: raylift.RayCaster, tmp_path: Path) -> None:
     images = references(count=8)
     depth, resized = stack(caster, images, vggt_crop)
     poses = np.stack([np.float32(rows(p)) for p in of_a_network(images, 0.37)])
@@ -240,7 +256,7 @@ def test_vggt_has_poses_of_another_scale(caster, tmp_path):
     expect_exact(caster, images, resized, tmp_path, preset="vggt", layer="world_points", points="world")
 
 
-def test_mapanything_writes_world_from_camera(caster, tmp_path):
+def test_mapanything_writes_world_from_camera(caster: raylift.RayCaster, tmp_path: Path) -> None:
     images = references(count=8)
     depth, resized = stack(caster, images, mapanything)
     poses = np.stack([np.vstack([rows(p.inverse()), [0, 0, 0, 1]]) for p in of_a_network(images, 2)])
@@ -251,20 +267,20 @@ def test_mapanything_writes_world_from_camera(caster, tmp_path):
     assert "x 0.5 +- " in expect_exact(caster, images, resized, tmp_path, preset="mapanything").understood
     masked = raylift.DepthMaps(tmp_path, images, preset="mapanything", confidence="final_mask",
                                confidence_threshold=0.5).load(images[0])
-    assert (masked[:, :90] == 0).all() and (masked[:, 110:] > 0).mean() > 0.5
+    assert (some(masked)[:, :90] == 0).all() and (some(masked)[:, 110:] > 0).mean() > 0.5
     # Read the other way round they agree with nothing, and what they are is told.
     maps = raylift.DepthMaps(tmp_path, images, preset="mapanything", poses_are="cam_from_world")
     assert "extrinsic: the poses do not agree with those of the references" in maps.warnings[0]
     assert "as camera to world they do (poses_are=world_from_cam)" in maps.warnings[0]
-    assert maps.load(images[0]).max() == pytest.approx(2 * depth[0].max(), rel=1e-5)
+    assert some(maps.load(images[0])).max() == pytest.approx(2 * depth[0].max(), rel=1e-5)
 
 
-def test_points_of_mast3r_and_in_cameras(caster, tmp_path):
+def test_points_of_mast3r_and_in_cameras(caster: raylift.RayCaster, tmp_path: Path) -> None:
     images = references(count=5)
     depth, resized = stack(caster, images, dust3r)
     own = [points_in(d, image, resized) for d, image in zip(depth, images)]
     world = [points_in(d, image, resized, image.cam_from_world) for d, image in zip(depth, images)]
-    np.savez(tmp_path / "b.npz", camera=own, opengl=own * np.float32([1, -1, -1]), pts3d=world)
+    np.savez(tmp_path / "b.npz", camera=own, opengl=own * np.array([1, -1, -1], np.float32), pts3d=world)
     with h5py.File(tmp_path / "b.h5", "w") as file:
         file["group/pts3d"] = np.asarray(world, np.float32)
         file["depth"] = np.asarray(depth, np.float16)
@@ -280,7 +296,7 @@ def test_points_of_mast3r_and_in_cameras(caster, tmp_path):
     assert halves == pytest.approx(depth[0], rel=1e-3)
 
 
-def test_another_order_of_the_list_shows_in_the_poses(tmp_path):
+def test_another_order_of_the_list_shows_in_the_poses(tmp_path: Path) -> None:
     images = [raylift.PosedImage(f"frame{i}.jpg", image.camera, image.cam_from_world)
               for i, image in enumerate(references(count=12))]
     np.savez(tmp_path / "results.npz", depth=np.ones((12, 42, 56), np.float32),
@@ -292,7 +308,8 @@ def test_another_order_of_the_list_shows_in_the_poses(tmp_path):
     assert maps.warnings == [] and "x 0.3333 +- " in maps.understood
 
 
-def write_reference_matches(caster, images, folder, per_pair=60):
+def write_reference_matches(caster: raylift.RayCaster, images: list[raylift.PosedImage],
+                            folder: Path, per_pair: int = 60) -> None:
     """Files NAME__NAME.npy of pixels of one reference and of where another sees the same points."""
     rng = np.random.default_rng(0)
     lifter = raylift.Lifter(caster)
@@ -302,7 +319,7 @@ def write_reference_matches(caster, images, folder, per_pair=60):
         points = lifter.lift(a, pixels)["points"]
         seen = b.camera.project(b.cam_from_world.transform(points))
         with np.errstate(invalid="ignore"):
-            good = ((seen > 0) & (seen < [b.camera.width, b.camera.height])).all(axis=1)
+            good = np.asarray(((seen > 0) & (seen < [b.camera.width, b.camera.height])).all(axis=1))
             back = lifter.lift(b, np.where(good[:, None], seen, 1))["points"]
             good &= np.linalg.norm(back - points, axis=1) < 0.01  # nothing is in between
         rows = np.hstack([pixels[good], seen[good]])[:per_pair] - 0.5
@@ -310,7 +327,8 @@ def write_reference_matches(caster, images, folder, per_pair=60):
             np.save(folder / f"{'__'.join(x.name.replace('/', '-') for x in (a, b))}.npy", rows)
 
 
-def test_the_doctor_names_wrong_readings_of_a_bundle(caster, tmp_path):
+def test_the_doctor_names_wrong_readings_of_a_bundle(caster: raylift.RayCaster,
+                                                     tmp_path: Path) -> None:
     images = sorted(raylift.ColmapModel.read(DEMO / "model").posed_images, key=lambda image: image.name)
     depth = np.stack([caster.render(image.camera.scaled(160, 120), image.cam_from_world)["depth"]
                       for image in images])
@@ -318,8 +336,9 @@ def test_the_doctor_names_wrong_readings_of_a_bundle(caster, tmp_path):
                     for image in images])
     write_reference_matches(caster, images, tmp_path / "pairs")
     with np.errstate(divide="ignore"):
-        stored = {"right": depth, "ray": ray, "inverse": np.where(depth > 0, 1 / depth, 0),
-                  "flipped": depth[:, ::-1], "millimeters": 1000 * depth}
+        stored: dict[str, Any] = {
+            "right": depth, "ray": ray, "inverse": np.where(depth > 0, 1 / depth, 0),
+            "flipped": depth[:, ::-1], "millimeters": 1000 * depth}
     expected = {"right": "", "ray": "kind=ray", "inverse": "kind=inverse", "flipped": "orientation=flipped_y",
                 "millimeters": "scale=0.001"}
     np.savez(tmp_path / "b.npz", **stored)
@@ -330,7 +349,8 @@ def test_the_doctor_names_wrong_readings_of_a_bundle(caster, tmp_path):
         assert key in str(diagnosis["repair"]), (layer, diagnosis["repair"])
 
 
-def test_localize_takes_the_scale_of_the_poses(caster, tmp_path, capfd):
+def test_localize_takes_the_scale_of_the_poses(caster: raylift.RayCaster, tmp_path: Path,
+                                               capfd: pytest.CaptureFixture[str]) -> None:
     hloc = HlocScene(tmp_path / "hloc")
     images = sorted(raylift.ColmapModel.read(DEMO / "model").posed_images, key=lambda image: image.name)
     depth = np.stack([caster.render(image.camera.scaled(504, 378), image.cam_from_world)["depth"]

@@ -2,16 +2,19 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
+from typing import Any, Callable
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import raylift
 from scenes import DEMO, MESH, HlocScene, truth
-from synthetic import pose
+from synthetic import pose, some
 
 
-def test_evaluate(tmp_path):
+def test_evaluate(tmp_path: Path) -> None:
     poses = {name: image.cam_from_world for name, image in truth().items()}
     raylift.write_poses(tmp_path / "poses.txt", poses)
     moved = {name: raylift.Rigid3(p.rotation, p.tvec + [0.3, 0, 0]) for name, p in poses.items()}
@@ -25,7 +28,7 @@ def test_evaluate(tmp_path):
     assert alone["results"][0]["median_position"] == pytest.approx(0.3)
 
 
-def test_render_perturb_and_compare(tmp_path):
+def test_render_perturb_and_compare(tmp_path: Path) -> None:
     told = []
     summary = raylift.render_dataset(MESH, tmp_path / "maps", model=DEMO / "model", scale=0.1, every=4,
                                      products=["depth", "mask"], format=["depth=npy"], threads=2,
@@ -33,7 +36,7 @@ def test_render_perturb_and_compare(tmp_path):
     assert summary["images"] == told[-1][0] == told[-1][1] and told[-1][2] == "images"
     images = raylift.Scene(DEMO / "model", every=4).references
     depth = raylift.DepthMaps(tmp_path / "maps/depth", images).load(images[0])
-    camera = images[0].camera.scaled(depth.shape[1], depth.shape[0])
+    camera = images[0].camera.scaled(some(depth).shape[1], some(depth).shape[0])
     caster = raylift.RayCaster(raylift.Mesh.read(DEMO / "scene.obj"))
     assert depth == pytest.approx(caster.render(camera, images[0].cam_from_world)["depth"], abs=1e-6)
 
@@ -46,7 +49,7 @@ def test_render_perturb_and_compare(tmp_path):
     assert scaled["scale_percent"] == pytest.approx(10, abs=1)
 
 
-def read_pfm(file):
+def read_pfm(file: Path) -> NDArray[np.float32]:
     """As MVSNet's readers do: the lowest row is the first."""
     kind, size, scale, values = file.read_bytes().split(b"\n", 3)
     assert kind == b"Pf" and float(scale) < 0
@@ -54,7 +57,7 @@ def read_pfm(file):
     return np.frombuffer(values, "<f4").reshape(height, width)[::-1]
 
 
-def test_mvsnet_has_cameras_and_pairs(tmp_path):
+def test_mvsnet_has_cameras_and_pairs(tmp_path: Path) -> None:
     raylift.run("render", geometry=MESH, model=DEMO / "model", out=tmp_path, glob="ref/ref_0*",
                 products="depth", format="depth=pfm", pattern="{index}", camera_files="mvsnet")
     images = [image for image in raylift.ColmapModel.read(DEMO / "model").posed_images
@@ -99,7 +102,7 @@ def test_mvsnet_has_cameras_and_pairs(tmp_path):
                     camera_files="mvsnet")
 
 
-def test_transforms_has_depth_beside_pictures(tmp_path):
+def test_transforms_has_depth_beside_pictures(tmp_path: Path) -> None:
     raylift.run("render", geometry=MESH, model=DEMO / "model", out=tmp_path / "out", every=4, scale=0.5,
                 products="depth,color", format="depth=png", png_step=0.002, camera_files="transforms")
     file = tmp_path / "out/transforms.json"
@@ -129,7 +132,7 @@ def test_transforms_has_depth_beside_pictures(tmp_path):
                     products="depth,color", format="depth=exr", camera_files="transforms")
 
 
-def test_color(tmp_path):
+def test_color(tmp_path: Path) -> None:
     bare = tmp_path / "bare.obj"
     lines = (DEMO / "scene.obj").read_text().splitlines()
     bare.write_text("\n".join(line for line in lines if not line.startswith(("mtllib", "usemtl"))))
@@ -138,18 +141,18 @@ def test_color(tmp_path):
     mesh = raylift.color(bare, tmp_path / "colored.ply", model=DEMO / "model", images=DEMO / "images",
                           max_edge=0.2, every=4, progress=lambda *a: told.append(a))
     assert told[-1] == (6, 6, "photographs")
-    assert mesh.colors.shape == mesh.vertices.shape and len(np.unique(mesh.colors, axis=0)) > 100
+    assert some(mesh.colors).shape == mesh.vertices.shape and len(np.unique(some(mesh.colors), axis=0)) > 100
     with pytest.raises(raylift.OptionError, match=r"out = .*expected a name that ends in .ply"):
         raylift.color(bare, tmp_path / "colored.obj", model=DEMO / "model", images=DEMO / "images")
 
 
-def test_doctor(tmp_path):
+def test_doctor(tmp_path: Path) -> None:
     diagnosis = raylift.doctor(DEMO / "model", f"{MESH},scale=1000", images=DEMO / "images", every=2,
                                max_features=1000)
     assert diagnosis["verdict"] == "repair" and "scale=1000" in diagnosis["summary"]
 
 
-def test_localize_and_experiment(tmp_path):
+def test_localize_and_experiment(tmp_path: Path) -> None:
     hloc = HlocScene(tmp_path / "hloc")
     files = dict(features=hloc.features, matches=hloc.matches_file, pairs=hloc.pairs)
     summary = raylift.localize(tmp_path / "out", scene=DEMO / "scene.toml", queries=hloc.query_list,
@@ -184,7 +187,7 @@ rows = ["method"]
     assert (tmp_path / "experiment/tables/methods.md").exists()
 
 
-def test_import(tmp_path):
+def test_import(tmp_path: Path) -> None:
     folder = tmp_path / "scan"
     (folder / "images").mkdir(parents=True)
     image = raylift.read_image(DEMO / "images/query/query_02.jpg")
@@ -212,17 +215,17 @@ def test_import(tmp_path):
      "min_iterations = -3"),
     (lambda: raylift.import_dataset("9scenes", "a", "b"), "9scenes"),
 ])
-def test_wrong_options_are_option_errors(call, message):
+def test_wrong_options_are_option_errors(call: Callable[..., Any], message: str) -> None:
     with pytest.raises(raylift.OptionError, match=message):
         call()
 
 
-def test_wrong_input_is_an_input_error(tmp_path):
+def test_wrong_input_is_an_input_error(tmp_path: Path) -> None:
     with pytest.raises(raylift.InputError, match="missing"):
         raylift.evaluate(tmp_path / "missing.txt", DEMO / "ground_truth")
 
 
-def test_ctrl_c_ends_a_command(tmp_path):
+def test_ctrl_c_ends_a_command(tmp_path: Path) -> None:
     script = f"""
 import os, signal, threading
 import raylift
@@ -242,8 +245,8 @@ except KeyboardInterrupt:
     assert whole["images"] == len(raylift.Scene(DEMO / "model").references)
 
 
-def test_the_program(tmp_path):
-    def raylift_program(*arguments):
+def test_the_program(tmp_path: Path) -> None:
+    def raylift_program(*arguments: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run([sys.executable, "-m", "raylift", *arguments], text=True,
                               capture_output=True)
 
@@ -252,7 +255,7 @@ def test_the_program(tmp_path):
     assert wrong.returncode == 3 and "missing.txt" in wrong.stderr
 
 
-def test_tables_are_printed_when_a_command_has_ended():
+def test_tables_are_printed_when_a_command_has_ended() -> None:
     script = """
 import os, sys, raylift
 model = raylift.ColmapModel.read(sys.argv[1])
@@ -266,22 +269,22 @@ os._exit(0)
     assert "100.0" in run.stdout
 
 
-def test_options_are_also_numpys_numbers(tmp_path):
+def test_options_are_also_numpys_numbers(tmp_path: Path) -> None:
     raylift.render_dataset(f"mesh:{DEMO / 'scene.obj'}", tmp_path, model=DEMO / "model", scale=np.float64(0.05),
                            every=np.int64(12))
     assert raylift.read_depth(next(tmp_path.rglob("*.npy"))).shape == (24, 32)
 
 
-def test_help_is_no_error(capfd):
+def test_help_is_no_error(capfd: pytest.CaptureFixture[str]) -> None:
     raylift.run("evaluate", "--help")
     assert "--thresholds" in capfd.readouterr().out
 
 
-def test_colour_is_color():
+def test_colour_is_color() -> None:
     assert raylift.colour is raylift.color
 
 
-def test_poses_are_exported(tmp_path):
+def test_poses_are_exported(tmp_path: Path) -> None:
     poses = {name: image.cam_from_world for name, image in truth().items()}
     file = raylift.export("kitti", poses, tmp_path / "poses.kitti")
     assert file == tmp_path / "poses.kitti" and len(file.read_text().splitlines()) == len(poses)
@@ -289,13 +292,13 @@ def test_poses_are_exported(tmp_path):
     assert poses.keys() <= {image.name for image in raylift.ColmapModel.read(model).posed_images}
 
 
-def test_references_are_retrieved(tmp_path):
+def test_references_are_retrieved(tmp_path: Path) -> None:
     found = raylift.retrieve(tmp_path / "pairs.txt", model=DEMO / "model", retrieval="pose", top_k=3)
     names = [image.name for image in raylift.ColmapModel.read(DEMO / "model").posed_images]
     assert set(found) <= set(names) and all(0 < len(one) <= 3 and set(one) <= set(names) for one in found.values())
 
 
-def test_a_command_that_there_is_not():
+def test_a_command_that_there_is_not() -> None:
     with pytest.raises(raylift.OptionError, match="not expected: localise; did you mean localize"):
         raylift.run("localise", model="x")
     raylift.run("localize", "--help")

@@ -1,35 +1,37 @@
 """What raylift compare says of faults that numpy plants in the demo's true depth."""
 
 import re
+from typing import Any, Callable
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import raylift
 from scenes import DEMO
 
 
-def windows(depth, side):
+def windows(depth: NDArray[np.float32], side: int) -> NDArray[np.float32]:
     padded = np.pad(depth, side // 2, mode="edge")
     return np.lib.stride_tricks.sliding_window_view(padded, (side, side))
 
 
-def ray_lengths(camera):
+def ray_lengths(camera: raylift.Camera) -> NDArray[np.float64]:
     y, x = np.mgrid[0:camera.height, 0:camera.width] + 0.5
     rays = camera.rays(np.column_stack([x.ravel(), y.ravel()]))
-    return np.linalg.norm(rays / rays[:, 2:], axis=1).reshape(x.shape)
+    return np.asarray(np.linalg.norm(rays / rays[:, 2:], axis=1)).reshape(x.shape)
 
 
-def inverted(function):
+def inverted(function: Callable[..., Any]) -> Callable[..., Any]:
     return lambda z, camera: np.where(z > 0, function(np.maximum(z, 1e-3)), 0)
 
 
-def fattened(z, side):
+def fattened(z: NDArray[np.float32], side: int) -> NDArray[np.float32]:
     nearest = windows(np.where(z > 0, z, np.inf), side).min((2, 3))
     return np.where(nearest < 0.9 * z, nearest, z)
 
 
-def flying(z, share):
+def flying(z: NDArray[np.float32], share: float) -> NDArray[np.float64]:
     rng = np.random.default_rng(1)
     near = windows(np.where(z > 0, z, np.inf), 3).min((2, 3))
     far = windows(z, 3).max((2, 3))
@@ -39,7 +41,7 @@ def flying(z, share):
 
 
 # The name of a fault: what becomes of true depth, how it is read, what is said.
-FAULTS = {
+FAULTS: dict[str, tuple[Callable[..., Any], str, str]] = {
     "exact": (lambda z, camera: z, "", "^$"),
     "mirrored": (lambda z, camera: z[:, ::-1], "", "^flipped: maps are mirrored, left for right$"),
     "upside_down": (lambda z, camera: z[::-1], "", "^flipped: maps are upside down$"),
@@ -67,7 +69,7 @@ FAULTS = {
 
 
 @pytest.fixture(scope="module")
-def findings(tmp_path_factory):
+def findings(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
     folder = tmp_path_factory.mktemp("faults")
     images = raylift.Scene(DEMO / "model", every=4).references
     caster = raylift.RayCaster(raylift.Mesh.read(DEMO / "scene.obj"))
@@ -86,5 +88,5 @@ def findings(tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_a_planted_fault_is_named(findings, name):
+def test_a_planted_fault_is_named(findings: dict[str, list[str]], name: str) -> None:
     assert re.search(FAULTS[name][2], "; ".join(findings[name])), findings[name]

@@ -8,19 +8,22 @@ import subprocess
 import sys
 import threading
 import typing
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import raylift
 from raylift import _types
-from synthetic import CAMERA, Problem, pose
+from synthetic import CAMERA, Problem, pose, some
 
 METHODS = ["p3p", "e5p1", "adaptive", "select", "hybrid_ransac", "hloc"]
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_each_method_finds_the_pose(method):
+def test_each_method_finds_the_pose(method: Any) -> None:
     problem = Problem()
     estimate = raylift.estimate_pose(CAMERA, problem.points2d, problem.points3d, **problem.pairs,
                                      method=method)
@@ -30,20 +33,21 @@ def test_each_method_finds_the_pose(method):
 
 
 @pytest.mark.parametrize("option", ["method", "score", "lo", "refinement"])
-def test_types_name_each_value(option):
+def test_types_name_each_value(option: str) -> None:
     known = typing.get_args(typing.get_type_hints(_types.EstimatorOptions)[option])
     with pytest.raises(raylift.OptionError) as error:
-        raylift.estimate_pose(CAMERA, **{option: "another"})
+        wrong: Any = {option: "another"}
+        raylift.estimate_pose(CAMERA, **wrong)
     assert str(error.value) == f"{option} = another: expected {'|'.join(known)}"
 
 
-def test_points_alone_and_pairs_alone():
+def test_points_alone_and_pairs_alone() -> None:
     problem = Problem()
     problem.expect_near(raylift.estimate_pose(CAMERA, problem.points2d, problem.points3d))
     problem.expect_near(raylift.estimate_pose(CAMERA, **problem.pairs))
 
 
-def test_result():
+def test_result() -> None:
     problem = Problem()
     estimate = raylift.estimate_pose(CAMERA, problem.points2d, problem.points3d, **problem.pairs)
     right = problem.num_right
@@ -54,16 +58,16 @@ def test_result():
     assert estimate.num_inliers_2d3d == estimate.inliers_2d3d.sum()
     assert estimate.num_inliers_2d2d == estimate.inliers_2d2d.sum()
     assert 0.9 * right < estimate.inlier_keypoints <= estimate.num_keypoints == 200
-    assert estimate.covariance.shape == (6, 6)
-    assert np.linalg.eigvalsh(estimate.covariance).min() > 0
+    assert some(estimate.covariance).shape == (6, 6)
+    assert np.linalg.eigvalsh(some(estimate.covariance)).min() > 0
     assert 0 < estimate.rotation_sigma_deg < 0.2 and 0 < estimate.position_sigma < 0.03
     assert estimate.solver in ("p3p", "e5p1", "d3p1") and estimate.iterations >= 100
     assert estimate.position_observable and estimate.refined_camera is None
-    assert 0.2 < estimate.noise["keypoint_px"] < 1
+    assert 0.2 < some(estimate.noise)["keypoint_px"] < 1
     assert "localized" in repr(estimate)
 
 
-def test_names_of_pycolmap_and_poselib():
+def test_names_of_pycolmap_and_poselib() -> None:
     problem = Problem(wrong=0)
     mine = raylift.estimate_pose(CAMERA, problem.points2d, problem.points3d)
     theirs = raylift.estimate_pose(camera=CAMERA, points2D=problem.points2d, points3D=problem.points3d)
@@ -80,7 +84,7 @@ def test_names_of_pycolmap_and_poselib():
     assert refined.iterations == 0
 
 
-def test_no_pose_is_a_result():
+def test_no_pose_is_a_result() -> None:
     estimate = raylift.estimate_pose(CAMERA, [[1, 2]], [[1, 2, 3]])
     assert isinstance(estimate, raylift.PoseEstimate)
     assert not estimate and estimate.cam_from_world is None and estimate.covariance is None
@@ -89,13 +93,13 @@ def test_no_pose_is_a_result():
     assert not raylift.estimate_pose(CAMERA)
 
 
-def test_arrays_of_any_layout_and_type_give_the_same():
+def test_arrays_of_any_layout_and_type_give_the_same() -> None:
     problem = Problem(noise_px=0)
     points2d = np.round(problem.points2d)
-    points3d = np.float32(problem.points3d)
+    points3d = problem.points3d.astype(np.float32)
 
-    def pose_of(a, b):
-        return raylift.estimate_pose(CAMERA, a, b).cam_from_world.matrix.tolist()
+    def pose_of(a: Any, b: Any) -> Any:
+        return some(raylift.estimate_pose(CAMERA, a, b).cam_from_world).matrix.tolist()
 
     expected = pose_of(points2d, points3d.astype(float))
     wide = np.zeros((len(points3d), 6))
@@ -106,39 +110,39 @@ def test_arrays_of_any_layout_and_type_give_the_same():
         assert pose_of(a, b) == expected
 
     class Tensor:  # as torch's: known by __array__ alone
-        def __init__(self, array):
+        def __init__(self, array: NDArray[Any]) -> None:
             self.array = array
 
-        def __array__(self, dtype=None, copy=None):
+        def __array__(self, dtype: Any = None, copy: Any = None) -> NDArray[Any]:
             return self.array
 
     class Capsule:  # by __dlpack__ alone
-        def __init__(self, array):
+        def __init__(self, array: NDArray[np.float64]) -> None:
             self.array = array
 
-        def __dlpack__(self, **options):
+        def __dlpack__(self, **options: Any) -> Any:
             return self.array.__dlpack__(**options)
 
-        def __dlpack_device__(self):
+        def __dlpack_device__(self) -> Any:
             return self.array.__dlpack_device__()
 
     assert pose_of(Tensor(points2d), Tensor(points3d)) == expected
     assert pose_of(Capsule(points2d), Capsule(points3d.astype(float))) == expected
 
 
-def test_priors_of_position_and_gravity():
+def test_priors_of_position_and_gravity() -> None:
     problem = Problem(noise_px=2)
     down = np.array([0.0, 0.0, -2.0])
     rotation, position = problem.truth.rotation, problem.truth.center
     arguments = (CAMERA, problem.points2d, problem.points3d)
     plain = raylift.estimate_pose(*arguments, method="p3p")
     exact = raylift.estimate_pose(*arguments, method="p3p", position_prior=(position, 0))
-    assert np.linalg.norm(exact.cam_from_world.center - position) < 1e-4
+    assert np.linalg.norm(some(exact.cam_from_world).center - position) < 1e-4
     upright = raylift.estimate_pose(
         *arguments, method="p3p", gravity_prior=(rotation @ down, list(down), 0.001))
-    tilted = upright.cam_from_world.rotation @ down - rotation @ down
+    tilted = some(upright.cam_from_world).rotation @ down - rotation @ down
     assert np.degrees(np.linalg.norm(tilted) / 2) < 0.01
-    assert plain.cam_from_world.matrix.tolist() != exact.cam_from_world.matrix.tolist()
+    assert some(plain.cam_from_world).matrix.tolist() != some(exact.cam_from_world).matrix.tolist()
     with pytest.raises(raylift.InputError, match=r"position_prior: expected an array of shape \(3,\)"):
         raylift.estimate_pose(*arguments, position_prior=([1, 2], 1))
     with pytest.raises(raylift.InputError, match="gravity_prior, down_in_cam: expected a direction"):
@@ -175,7 +179,7 @@ def test_priors_of_position_and_gravity():
     (dict(references=[(CAMERA, np.diag([1, 1, 1, np.nan]))]), "last row"),
     (dict(references=[(CAMERA, (np.eye(3), [0, np.nan, 0]))]), "translation: expected finite"),
 ])
-def test_wrong_arrays_are_input_errors(arguments, message):
+def test_wrong_arrays_are_input_errors(arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(raylift.InputError, match=message):
         raylift.estimate_pose(CAMERA, **arguments)
 
@@ -187,13 +191,13 @@ def test_wrong_arrays_are_input_errors(arguments, message):
     (dict(confidence="high"), "confidence = 'high': expected a number"),
     (dict(min_iteration=3), "min_iteration: there is no such option; .*min_iterations"),
 ])
-def test_wrong_options_are_option_errors(option, message):
+def test_wrong_options_are_option_errors(option: dict[str, Any], message: str) -> None:
     with pytest.raises(raylift.OptionError, match=message):
         raylift.estimate_pose(CAMERA, **option)
     assert issubclass(raylift.OptionError, ValueError) and issubclass(raylift.InputError, ValueError)
 
 
-def test_options_are_those_of_the_program_with_its_defaults(tmp_path):
+def test_options_are_those_of_the_program_with_its_defaults(tmp_path: Path) -> None:
     problem = tmp_path / "problem.json"
     raylift.PoseProblem(CAMERA, name="q").write(problem)
     text = subprocess.run([os.environ["RAYLIFT"], "estimate", "--help"], check=True, text=True,
@@ -203,14 +207,14 @@ def test_options_are_those_of_the_program_with_its_defaults(tmp_path):
     options = re.findall(r"^  --([a-z0-9-]+)(?: ([A-Z]+)(?:(?:=| \[)([^\s\]]+))?)?", group,
                          flags=re.MULTILINE)
     assert {name.replace("-", "_") for name, _, _ in options} == set(_types.EstimatorOptions.__annotations__)
-    documented = inspect.getdoc(raylift.estimate_pose)
+    documented = str(inspect.getdoc(raylift.estimate_pose))
     for name, kind, default in options:
         none = "None" if kind else "False"  # a value that may be left open, or a flag
         shown = f'"{default}"' if default and default[0].isalpha() else default or none
         assert f'{name.replace("-", "_")}={shown}' in documented
 
 
-def test_problem_keeps_what_it_is_given(tmp_path):
+def test_problem_keeps_what_it_is_given(tmp_path: Path) -> None:
     data = Problem(points=20, wrong=0)
     problem = raylift.PoseProblem(
         CAMERA, data.points2d, data.points3d, point_references=np.zeros(20), point_matches=range(20),
@@ -233,7 +237,7 @@ def test_problem_keeps_what_it_is_given(tmp_path):
         raylift.PoseProblem.read(tmp_path / "missing.json")
 
 
-def test_estimates_equal_the_programs(tmp_path):
+def test_estimates_equal_the_programs(tmp_path: Path) -> None:
     data = Problem()
     problem = raylift.PoseProblem(CAMERA, data.points2d, data.points3d, name="q", **data.pairs)
     problem.write(tmp_path / "q.json")
@@ -242,10 +246,10 @@ def test_estimates_equal_the_programs(tmp_path):
     row = json.loads((tmp_path / "out.json").read_text())[0]
     pose = raylift.estimate_pose(CAMERA, data.points2d, data.points3d, name="q",
                                  **data.pairs).cam_from_world
-    assert pose.qvec.tolist() == row["qvec"] and pose.tvec.tolist() == row["tvec"]
+    assert some(pose).qvec.tolist() == row["qvec"] and some(pose).tvec.tolist() == row["tvec"]
 
 
-def test_many_at_once_with_progress():
+def test_many_at_once_with_progress() -> None:
     problems = []
     for seed in range(6):
         data = Problem(seed)
@@ -256,10 +260,10 @@ def test_many_at_once_with_progress():
     assert told[-1] == (6, 6, "problems")
     for problem, estimate in zip(problems, estimates):
         alone = raylift.estimate_pose(CAMERA, problem.points2d, problem.points3d, name=problem.name)
-        assert alone.cam_from_world.matrix.tolist() == estimate.cam_from_world.matrix.tolist()
+        assert some(alone.cam_from_world).matrix.tolist() == some(estimate.cam_from_world).matrix.tolist()
 
 
-def test_problems_of_a_scene_are_estimated_as_by_the_program(tmp_path):
+def test_problems_of_a_scene_are_estimated_as_by_the_program(tmp_path: Path) -> None:
     names = [f"{seed}.jpg" for seed in range(5)]
     for seed, name in enumerate(names):
         data = Problem(seed)
@@ -268,39 +272,39 @@ def test_problems_of_a_scene_are_estimated_as_by_the_program(tmp_path):
     problems = [raylift.PoseProblem.read(tmp_path / f"{name}.json") for name in names]
     for independent in (False, True):
         subprocess.run([os.environ["RAYLIFT"], "estimate", *sorted(tmp_path.glob("*.jpg.json")), "--quiet",
-                        "--json", tmp_path / "out.json"] + ["--independent"] * independent, check=True)
+                        "--json", tmp_path / "out.json", *["--independent"] * independent], check=True)
         rows = {row["name"]: row for row in json.loads((tmp_path / "out.json").read_text())}
         found = raylift.estimate_all(problems[::-1], independent=independent)
         for problem, estimate in zip(problems[::-1], found):
             pose, row = estimate.cam_from_world, rows[problem.name]
-            assert pose.qvec.tolist() == row["qvec"] and pose.tvec.tolist() == row["tvec"]
+            assert some(pose).qvec.tolist() == row["qvec"] and some(pose).tvec.tolist() == row["tvec"]
             alone = raylift._core.estimate(problem).cam_from_world
             assert (alone == pose) == independent
 
 
-def test_an_exception_of_progress_ends_the_call():
-    def fail(done, total, what):
+def test_an_exception_of_progress_ends_the_call() -> None:
+    def fail(done: int, total: int, what: str) -> None:
         raise KeyError(what)
 
     with pytest.raises(KeyError, match="problems"):
         raylift.estimate_all([raylift.PoseProblem(CAMERA)], progress=fail)
 
 
-def slow_problem():
+def slow_problem() -> raylift.PoseProblem:
     """No pose agrees with it, so that RANSAC draws all that it may."""
     rng = np.random.default_rng(0)
     return raylift.PoseProblem(CAMERA, rng.uniform(0, 480, (2000, 2)), rng.normal(0, 3, (2000, 3)))
 
 
-def test_two_threads_estimate_side_by_side():
+def test_two_threads_estimate_side_by_side() -> None:
     problems = [slow_problem()] * 100000
     begun = [False, False]
 
     class Met(Exception):
         pass
 
-    def work(mine, other):
-        def meet(done, total, what):
+    def work(mine: int, other: int) -> None:
+        def meet(done: int, total: int, what: str) -> None:
             begun[mine] = True
             if begun[other]:
                 raise Met
@@ -314,7 +318,7 @@ def test_two_threads_estimate_side_by_side():
     interval = sys.getswitchinterval()
     sys.setswitchinterval(1000)
     try:
-        ended = []
+        ended: list[int] = []
         workers = [threading.Thread(target=work, args=(i, 1 - i)) for i in range(2)]
         for worker in workers:
             worker.start()
@@ -325,7 +329,7 @@ def test_two_threads_estimate_side_by_side():
     assert sorted(ended) == [0, 1]
 
 
-def test_ctrl_c_ends_a_long_call():
+def test_ctrl_c_ends_a_long_call() -> None:
     script = """
 import os, signal, sys, threading
 sys.path.insert(0, os.environ["TESTS"])
@@ -344,7 +348,7 @@ except KeyboardInterrupt:
     assert run.stdout == "stopped\n", run.stderr
 
 
-def test_ctrl_c_ends_one_long_estimate():
+def test_ctrl_c_ends_one_long_estimate() -> None:
     script = """
 import os, signal, sys, threading
 sys.path.insert(0, os.environ["TESTS"])
@@ -368,7 +372,7 @@ except KeyboardInterrupt:
                                   "caster.cast([[0, 0, 1]], random.normal(size=(4000000, 3)))",
                                   "raylift.Geometry(mesh).lift(('PINHOLE 400 400 300 300 200 200', pose), pixels)",
                                   "raylift.Lifter(mesh).lift(('PINHOLE 400 400 300 300 200 200', pose), pixels)"])
-def test_ctrl_c_ends_long_work_on_meshes(call):
+def test_ctrl_c_ends_long_work_on_meshes(call: str) -> None:
     script = f"""
 import os, signal, time, threading
 import numpy as np, raylift
@@ -393,7 +397,7 @@ except KeyboardInterrupt:
     assert run.stdout == "stopped\n", run.stderr
 
 
-def test_minimal_solvers_find_the_pose_among_few():
+def test_minimal_solvers_find_the_pose_among_few() -> None:
     problem = Problem(noise_px=0, wrong=0)
     truth, points = problem.truth, problem.points3d
     in_cam = truth.transform(points)
@@ -415,7 +419,7 @@ def test_minimal_solvers_find_the_pose_among_few():
         raylift.solve_p3p(in_cam[:2], points[:3])
 
 
-def test_a_pose_that_is_nearly_known_is_refined():
+def test_a_pose_that_is_nearly_known_is_refined() -> None:
     problem = Problem()
     asked = raylift.PoseProblem(CAMERA, problem.points2d, problem.points3d, **problem.pairs)
     near = pose([0.102, -0.199, 0.05], problem.truth.center + 0.01)

@@ -25,12 +25,12 @@ EXPECTED = {
 }
 
 
-def test_each_example_is_tested():
+def test_each_example_is_tested() -> None:
     assert {file.name for file in EXAMPLES.glob("*.py")} == set(ARGUMENTS)
 
 
 @pytest.mark.parametrize("name", sorted(ARGUMENTS))
-def test_example(name, tmp_path):
+def test_example(name: str, tmp_path: Path) -> None:
     places = {"DEMO": str(SOURCE / "assets/demo"), "OUT": str(tmp_path)}
     run = subprocess.run([sys.executable, EXAMPLES / name, *(places[a] for a in ARGUMENTS[name])],
                          text=True, capture_output=True, cwd=tmp_path)
@@ -39,11 +39,11 @@ def test_example(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", sorted(ARGUMENTS))
-def test_examples_are_short(name):
+def test_examples_are_short(name: str) -> None:
     assert len((EXAMPLES / name).read_text().splitlines()) < 40
 
 
-def test_notebook_by_its_code_alone():
+def test_notebook_by_its_code_alone() -> None:
     """Plots only where there is what draws them."""
     cells = json.loads((EXAMPLES / "demo.ipynb").read_text(encoding="utf-8"))["cells"]
     plots = importlib.util.find_spec("matplotlib") is not None
@@ -55,7 +55,7 @@ def test_notebook_by_its_code_alone():
     assert run.stdout.count("localized") == 12 and "100 % within 5 cm" in run.stdout, run.stdout
 
 
-def test_notebook_by_its_kernel():
+def test_notebook_by_its_kernel() -> None:
     nbclient = pytest.importorskip("nbclient")
     nbformat = pytest.importorskip("nbformat")
     notebook = nbformat.read(EXAMPLES / "demo.ipynb", as_version=4)

@@ -5,9 +5,12 @@ import json
 import struct
 import subprocess
 from os import environ
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import raylift
 from scenes import DEMO, MESH
@@ -22,7 +25,8 @@ SYSTEMS = [("EPSG:4326", "EPSG:32615", (-91.9945, 46.8426)), ("EPSG:4326", "EPSG
 
 
 @pytest.mark.parametrize("source, target, place", SYSTEMS)
-def test_positions_are_led_to_the_world_as_by_pyproj(tmp_path, source, target, place):
+def test_positions_are_led_to_the_world_as_by_pyproj(tmp_path: Path, source: str, target: str,
+                                                     place: tuple[float, float]) -> None:
     rng = np.random.default_rng(7)
     points = np.column_stack([rng.normal(place, 0.3, (50, 2)), rng.uniform(-50, 3000, 50)])
     names = [f"{i}.jpg" for i in range(len(points))]
@@ -39,16 +43,19 @@ def test_positions_are_led_to_the_world_as_by_pyproj(tmp_path, source, target, p
     assert np.abs(ours - theirs).max() < 1e-6
 
 
-def jpeg(latitude, longitude, altitude=None, direction=None, magnetic=False, error=None, xmp=None):
+def jpeg(
+        latitude: float, longitude: float, altitude: float | None = None,
+        direction: float | None = None, magnetic: bool = False, error: float | None = None,
+        xmp: str | None = None) -> bytes:
     """The header of a photograph: EXIF with a GPS directory, and XMP."""
     data, entries = b"", []
     # Two directories with one and up to nine entries, then what does not fit into them.
     at = 8 + 2 + 12 + 4
 
-    def rational(*values):
+    def rational(*values: float) -> bytes:
         return b"".join(struct.pack("<II", round(v * 1e7), 10**7) for v in values)
 
-    def sides(value):
+    def sides(value: float) -> bytes:
         degrees = int(abs(value))
         minutes = int((abs(value) - degrees) * 60)
         return rational(degrees, minutes, ((abs(value) - degrees) * 60 - minutes) * 60)
@@ -83,20 +90,20 @@ DRONE = """<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3
 {attributes}/></rdf:RDF></x:xmpmeta>"""
 
 
-def drone(**values):
+def drone(**values: str) -> str:
     return DRONE.format(attributes=" ".join(f'drone-dji:{k}="{v}"' for k, v in values.items()))
 
 
-def queries(*arguments):
+def queries(*arguments: Path | str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([environ["RAYLIFT"], "queries", *map(str, arguments)], capture_output=True, text=True)
 
 
-def lists(folder):
+def lists(folder: Path) -> list[Path | str]:
     return ["--out", folder / "queries.txt", "--priors", folder / "priors.txt"]
 
 
 @pytest.fixture
-def photographs(tmp_path):
+def photographs(tmp_path: Path) -> Path:
     folder = tmp_path / "photographs"
     folder.mkdir()
     (folder / "phone.jpg").write_bytes(jpeg(53.55, 9.9, 12.5, direction=40.0, error=6.0))
@@ -109,7 +116,7 @@ def photographs(tmp_path):
     return folder
 
 
-def test_queries_of_photographs(tmp_path, photographs):
+def test_queries_of_photographs(tmp_path: Path, photographs: Path) -> None:
     result = queries(photographs, *lists(tmp_path), "--crs", "EPSG:25832")
     assert result.returncode == 0 and not result.stderr, result.stderr
     assert "phone.jpg: GPS position +-4 m, height above the sea, heading 40 deg" in result.stdout
@@ -136,7 +143,7 @@ def test_queries_of_photographs(tmp_path, photographs):
     assert read["rtk.jpg"].__getstate__()[3][0] == pytest.approx([0, np.sqrt(0.5), np.sqrt(0.5)])
 
 
-def test_photographs_that_say_nothing_or_nonsense(tmp_path):
+def test_photographs_that_say_nothing_or_nonsense(tmp_path: Path) -> None:
     folder = tmp_path / "odd"
     folder.mkdir()
     (folder / "zero.jpg").write_bytes(jpeg(0, 0, 0))
@@ -152,7 +159,8 @@ def test_photographs_that_say_nothing_or_nonsense(tmp_path):
     assert "4 photographs, 0 with a position" in result.stdout
 
 
-def test_names_are_those_of_links_and_may_begin_with_dots(tmp_path, photographs):
+def test_names_are_those_of_links_and_may_begin_with_dots(tmp_path: Path,
+                                                          photographs: Path) -> None:
     (photographs / "link.jpg").symlink_to(photographs / "phone.jpg")
     (photographs / "..odd.jpg").write_bytes((photographs / "phone.jpg").read_bytes())
     result = queries(photographs / "link.jpg", photographs / "..odd.jpg", *lists(tmp_path), "--quiet")
@@ -165,7 +173,7 @@ def test_names_are_those_of_links_and_may_begin_with_dots(tmp_path, photographs)
 @pytest.mark.parametrize("crs, message", [
     ("EPSG:999999", "--crs = EPSG:999999"), ("EPSG:2193", "compass.jpg: line 1: "),
     ("EPSG:32632@1,2", "expected an origin X,Y,Z")])
-def test_systems_that_do_not_fit(tmp_path, photographs, crs, message):
+def test_systems_that_do_not_fit(tmp_path: Path, photographs: Path, crs: str, message: str) -> None:
     result = queries(photographs, *lists(tmp_path), "--crs", crs)
     assert result.returncode in (2, 3) and message in result.stderr, result.stderr
     assert not (tmp_path / "priors.txt").exists()
@@ -179,7 +187,7 @@ def test_systems_that_do_not_fit(tmp_path, photographs, crs, message):
     ("* world_crs EPSG:32615\n* world_crs EPSG:32615", "stands twice"),
     ("a heading 10", "sigma_deg"), ("a heading 10 3 0 0 0", "expected a direction"),
     ("a orientation 1 1 0 0 2", "quaternion of length 1")])
-def test_priors_that_are_wrong(tmp_path, line, message):
+def test_priors_that_are_wrong(tmp_path: Path, line: str, message: str) -> None:
     (tmp_path / "queries.txt").write_text("a PINHOLE 40 30 40 40 20 15\n")
     world = "" if line.startswith("*") else "* world_crs EPSG:32615\n"
     (tmp_path / "priors.txt").write_text(f"{world}{line}\n")
@@ -193,7 +201,7 @@ WORLD = "EPSG:32632@500000,5500000,100"
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The demo, as if it stood in UTM's zone 32."""
     folder = tmp_path_factory.mktemp("earth") / "run"
     raylift.run("localize", model=DEMO / "model", images=DEMO / "images", geometry=MESH,
@@ -201,18 +209,18 @@ def run(tmp_path_factory):
     return folder
 
 
-def export(kind, run, out, *more):
+def export(kind: str, run: Path, out: Path, *more: str) -> Path:
     subprocess.run([environ["RAYLIFT"], "export", kind, str(run), "--out", str(out), *more], check=True,
                    capture_output=True)
     return out
 
 
-def centers(run):
+def centers(run: Path) -> tuple[dict[str, NDArray[np.float64]], dict[str, raylift.Rigid3]]:
     poses = raylift.read_poses(run / "poses.txt")
     return {name: pose.center for name, pose in poses.items()}, poses
 
 
-def test_geojson_has_positions_and_ellipses(run, tmp_path):
+def test_geojson_has_positions_and_ellipses(run: Path, tmp_path: Path) -> None:
     features = json.loads(export("geojson", run, tmp_path / "poses.geojson").read_text())["features"]
     points = {f["properties"]["name"]: f for f in features if f["geometry"]["type"] == "Point"}
     rings = {f["properties"]["name"]: np.array(f["geometry"]["coordinates"][0])
@@ -230,7 +238,7 @@ def test_geojson_has_positions_and_ellipses(run, tmp_path):
         assert north_m == pytest.approx(2.4477 * sigma["sigma_north_m"], rel=0.02)
 
 
-def test_geopose_is_the_camera_in_east_north_up(run, tmp_path):
+def test_geopose_is_the_camera_in_east_north_up(run: Path, tmp_path: Path) -> None:
     export("geopose", run, tmp_path / "q")
     export("geopose", run, tmp_path / "angles", "--angles")
     convergence = np.radians(pyproj.Proj("EPSG:32632").get_factors(9.0, 49.6).meridian_convergence)
@@ -246,15 +254,18 @@ def test_geopose_is_the_camera_in_east_north_up(run, tmp_path):
         right, down, forward = np.asarray(pose.rotation)
         assert ours == pytest.approx(np.column_stack([forward, -right, -down]), abs=1e-4)
         yaw, pitch, roll = np.radians([angles["angles"][k] for k in ("yaw", "pitch", "roll")])
-        turn = lambda a, i, j: np.eye(3) + (np.cos(a) - 1) * (np.outer(E[i], E[i]) + np.outer(E[j], E[j])) \
-            + np.sin(a) * (np.outer(E[j], E[i]) - np.outer(E[i], E[j]))
+
+        def turn(a: float, i: int, j: int) -> Any:
+            return (np.eye(3) + (np.cos(a) - 1) * (np.outer(E[i], E[i]) + np.outer(E[j], E[j]))
+                    + np.sin(a) * (np.outer(E[j], E[i]) - np.outer(E[i], E[j])))
+
         assert turn(yaw, 0, 1) @ turn(pitch, 2, 0) @ turn(roll, 1, 2) == pytest.approx(ours, abs=1e-9)
 
 
 E = np.eye(3)
 
 
-def test_utm_is_in_the_system_that_is_asked_for(run, tmp_path):
+def test_utm_is_in_the_system_that_is_asked_for(run: Path, tmp_path: Path) -> None:
     lines = export("utm", run, tmp_path / "utm.txt", "--to-crs", "EPSG:25833").read_text().splitlines()
     to_zone = pyproj.Transformer.from_crs("EPSG:32632", "EPSG:25833", always_xy=True)
     found, _ = centers(run)
@@ -265,7 +276,7 @@ def test_utm_is_in_the_system_that_is_asked_for(run, tmp_path):
         assert [float(n) for n in numbers[4:]] == pytest.approx([*to_zone.transform(x, y), z], abs=1e-6)
 
 
-def test_located_pixels_show_where_they_are(run, tmp_path):
+def test_located_pixels_show_where_they_are(run: Path, tmp_path: Path) -> None:
     found, poses = centers(run)
     camera = {q.name: q.camera for q in raylift.read_queries(DEMO / "queries.txt")}
     name = next(iter(found))
@@ -287,14 +298,14 @@ def test_located_pixels_show_where_they_are(run, tmp_path):
         assert failed.returncode == 3 and message in failed.stderr
 
 
-def test_without_a_system_nothing_is_guessed(run, tmp_path):
+def test_without_a_system_nothing_is_guessed(run: Path, tmp_path: Path) -> None:
     for kind in ("geojson", "geopose", "utm"):
         failed = subprocess.run([environ["RAYLIFT"], "export", kind, str(run / "poses.txt"), "--out",
                                  str(tmp_path / "out")], capture_output=True, text=True)
         assert failed.returncode == 2 and "--crs is required" in failed.stderr
 
 
-def test_errors_of_located_pixels_are_as_large_as_they_are_said_to_be(tmp_path):
+def test_errors_of_located_pixels_are_as_large_as_they_are_said_to_be(tmp_path: Path) -> None:
     """1,000 pixels of the demo: of references, each localized by the others, and of the queries."""
     rng = np.random.default_rng(3)
     caster = raylift.RayCaster(raylift.Mesh.read(DEMO / "scene.obj"))

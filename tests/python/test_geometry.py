@@ -1,5 +1,6 @@
 import pickle
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,16 +9,16 @@ import raylift
 from synthetic import CAMERA, pose, rotation
 
 
-def test_camera_projects_by_its_model():
+def test_camera_projects_by_its_model() -> None:
     # f (x (1 + k r^2)) + c, r = 0.5
-    pixels = CAMERA.project([[0.5, 0, 1], [0, 0, -1]])
+    pixels = CAMERA.project([[0.5, 0, 1], [0.0, 0, -1]])
     assert pixels[0] == pytest.approx([320 + 500 * 0.5 * (1 - 0.05 * 0.25), 240])
     assert np.isnan(pixels[1]).all()
     rays = CAMERA.rays(pixels[:1])
     assert rays[0] == pytest.approx(np.array([0.5, 0, 1]) / np.sqrt(1.25))
 
 
-def test_camera_attributes():
+def test_camera_attributes() -> None:
     assert (CAMERA.model, CAMERA.width, CAMERA.height) == ("SIMPLE_RADIAL", 640, 480)
     assert CAMERA.params.tolist() == [500, 320, 240, -0.05]
     assert CAMERA.matrix.tolist() == [[500, 0, 320], [0, 500, 240], [0, 0, 1]]
@@ -39,7 +40,7 @@ def test_camera_attributes():
     SimpleNamespace(model_name=lambda: "SIMPLE_RADIAL", width=640, height=480,  # PoseLib's
                     params=[500, 320, 240, -0.05]),
 ])
-def test_cameras_of_many_kinds(camera):
+def test_cameras_of_many_kinds(camera: Any) -> None:
     assert raylift.Camera.of(camera) == CAMERA
 
 
@@ -50,12 +51,12 @@ def test_cameras_of_many_kinds(camera):
     ({"model": "PINHOLE", "height": 480, "params": [500, 500, 320, 240]}, "camera, width: .* None"),
     (7, "expected a raylift.Camera"),
 ])
-def test_wrong_cameras_are_input_errors(wrong, message):
+def test_wrong_cameras_are_input_errors(wrong: Any, message: str) -> None:
     with pytest.raises(raylift.InputError, match=message):
         raylift.Camera.of(wrong)
 
 
-def test_pose_attributes():
+def test_pose_attributes() -> None:
     p = pose([0, 0, np.pi / 2], [1, 2, 3])
     assert p.center == pytest.approx([1, 2, 3])
     assert p.qvec == pytest.approx([np.sqrt(0.5), 0, 0, np.sqrt(0.5)])
@@ -79,7 +80,7 @@ P = pose([0.3, -0.2, 0.1], [1, 2, 3])
     SimpleNamespace(rotation=SimpleNamespace(matrix=lambda: P.rotation), translation=P.tvec),
     np.asfortranarray(P.matrix), P.matrix.astype(">f8"),
 ])
-def test_poses_of_many_kinds(of):
+def test_poses_of_many_kinds(of: Any) -> None:
     assert raylift.Rigid3.of(of).matrix == pytest.approx(P.matrix, abs=1e-6)
 
 
@@ -87,16 +88,17 @@ def test_poses_of_many_kinds(of):
     np.eye(3), np.diag([1, 1, -1, 1]), 2 * np.eye(4), np.full((4, 4), np.nan), "pose",
     ([0, 0, 0, 0], [0, 0, 0]), ([1, 0, 0, 0], [0, 0]), {"qvec": [1, 0, 0, 0]},
 ])
-def test_wrong_poses_are_input_errors(wrong):
+def test_wrong_poses_are_input_errors(wrong: Any) -> None:
     with pytest.raises(raylift.InputError, match="pose"):
         raylift.Rigid3.of(wrong)
 
 
-def test_posed_images_of_many_kinds():
-    for image in [(CAMERA, P), raylift.PosedImage("", CAMERA, P),
+def test_posed_images_of_many_kinds() -> None:
+    images: list[Any] = [(CAMERA, P), raylift.PosedImage("", CAMERA, P),
                   SimpleNamespace(name="", camera=CAMERA, cam_from_world=P),
                   SimpleNamespace(name="", camera=CAMERA, cam_from_world=lambda: P),
-                  SimpleNamespace(camera=CAMERA, pose=P)]:  # PoseLib's
+                  SimpleNamespace(camera=CAMERA, pose=P)]  # PoseLib's
+    for image in images:
         problem = raylift.PoseProblem(CAMERA, references=[image])
         assert problem.references[0].camera == CAMERA
         assert problem.references[0].cam_from_world.matrix == pytest.approx(P.matrix)
@@ -104,10 +106,10 @@ def test_posed_images_of_many_kinds():
     assert again.name == "a.jpg" and again.camera == CAMERA
     assert again.cam_from_world.matrix.tolist() == P.matrix.tolist()
     with pytest.raises(raylift.InputError, match="reference"):
-        raylift.PoseProblem(CAMERA, references=[3])
+        raylift.PoseProblem(CAMERA, references=[3])  # type: ignore[list-item]
 
 
-def test_poses_do_as_those_of_pycolmap_do():
+def test_poses_do_as_those_of_pycolmap_do() -> None:
     pose = raylift.Rigid3([1, 0.1, 0.2, 0.3], [1, 2, 3])
     points = np.array([[0.0, 0, 1], [2, 3, 4]])
     assert (pose * points).tolist() == pose.transform(points).tolist()
@@ -119,4 +121,4 @@ def test_poses_do_as_those_of_pycolmap_do():
     with pytest.raises(raylift.InputError, match=r"points: expected an array of shape \(N, 3\)"):
         pose.transform([[1, 2]])
     with pytest.raises(TypeError):
-        5 @ pose
+        5 @ pose  # type: ignore[operator]

@@ -3,6 +3,8 @@
 import base64
 import json
 import subprocess
+from pathlib import Path
+from typing import Any, Iterator
 
 import pytest
 
@@ -13,7 +15,7 @@ FAR = "EPSG:32632@300000,5400000,200"
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of `localize` on the demo, and its poses as GeoPose."""
     out = tmp_path_factory.mktemp("run")
     subprocess.run([RAYLIFT, "localize", "--scene", SCENE, "--crs", CRS, "--out", out, "--quiet"], check=True)
@@ -21,17 +23,17 @@ def run(tmp_path_factory):
     return out
 
 
-def options(run):
+def options(run: Path) -> list[Path | str]:
     return ["--cache", run / "cache", "--scene-calibration", run / "scene_calibration.json"]
 
 
 @pytest.fixture(scope="module")
-def server(run):
+def server(run: Path) -> Iterator[Server]:
     with Server(*options(run), "--crs", CRS) as server:
         yield server
 
 
-def request_of(name, **more):
+def request_of(name: str, **more: object) -> dict[str, Any]:
     """What the protocol's client sends."""
     model, width, height, *params = QUERIES[name].split()
     reading = {"timestamp": 1, "sensorId": "0", "sequenceNumber": 0, "imageFormat": "JPG",
@@ -45,13 +47,14 @@ def request_of(name, **more):
             "sensorReadings": {"cameraReadings": [reading], **more}}
 
 
-def geolocation(place, accuracy=0.0, east=0.0, north=0.0):
+def geolocation(place: dict[str, Any], accuracy: float = 0.0, east: float = 0.0,
+                north: float = 0.0) -> list[dict[str, object]]:
     return [{"timestamp": 2, "sensorId": "1", "latitude": place["lat"] + north / 111e3,
              "longitude": place["lon"] + east / 73e3, "altitude": place["h"], "accuracy": accuracy,
              "altitudeAccuracy": accuracy, "heading": None, "speed": 0}]
 
 
-def ask(server, request, path="/geopose"):
+def ask(server: Server, request: dict[str, Any], path: str = "/geopose") -> tuple[int, Any]:
     status, headers, body = server.ask(path, json.dumps(request).encode(), {
         "Content-Type": "application/json", "Accept": "application/vnd.oscp+json;version=2.0;"})
     if status != 200:
@@ -59,11 +62,11 @@ def ask(server, request, path="/geopose"):
     return status, json.loads(body)
 
 
-def exported(run, name):
+def exported(run: Path, name: str) -> Any:
     return json.loads((run / "geopose" / (name + ".json")).read_text())
 
 
-def test_places_are_those_that_export_writes(run, server):
+def test_places_are_those_that_export_writes(run: Path, server: Server) -> None:
     for name in sorted(QUERIES)[:4]:
         told = json.loads(server.localize(name))
         assert told.pop("geopose") == exported(run, name)
@@ -75,14 +78,14 @@ def test_places_are_those_that_export_writes(run, server):
         assert 0 < answer["accuracy"]["position"] < 0.1 and 0 < answer["accuracy"]["orientation"] < 1
 
 
-def test_but_for_the_place_a_line_is_that_of_the_command_line(run, server):
+def test_but_for_the_place_a_line_is_that_of_the_command_line(run: Path, server: Server) -> None:
     lines = {json.loads(line)["name"]: line for line in (run / "queries.jsonl").read_text().splitlines()}
     name = sorted(QUERIES)[0]
     line = server.localize(name)
     assert line.startswith(lines[name][:-1] + ',"geopose":')
 
 
-def test_places_are_those_of_pyproj(run):
+def test_places_are_those_of_pyproj(run: Path) -> None:
     pyproj = pytest.importorskip("pyproj")
     to_earth = pyproj.Transformer.from_crs("EPSG:32632", "EPSG:4326", always_xy=True)
     for line in (run / "queries.jsonl").read_text().splitlines():
@@ -99,7 +102,7 @@ def test_places_are_those_of_pyproj(run):
         assert place["h"] == pytest.approx(center[2] + 200, abs=1e-6)
 
 
-def test_a_position_by_gnss_is_taken_and_does_not_spoil_the_pose(run, server):
+def test_a_position_by_gnss_is_taken_and_does_not_spoil_the_pose(run: Path, server: Server) -> None:
     name = sorted(QUERIES)[0]
     place = exported(run, name)["position"]
     for key in ("geolocationReadings", "geoLocationReadings"):
@@ -109,7 +112,7 @@ def test_a_position_by_gnss_is_taken_and_does_not_spoil_the_pose(run, server):
             assert answer["geopose"]["position"][axis] == pytest.approx(place[axis], abs=tolerance)
 
 
-def scene_file(folder, name, crs):
+def scene_file(folder: Path, name: str, crs: str) -> Path:
     file = folder / (name + ".toml")
     file.write_text(f'format = "raylift-scene/1"\nname = "{name}"\nreferences = "{DEMO}/model"\n'
                     f'images = "{DEMO}/images"\ncrs = "{crs}"\n'
@@ -117,7 +120,7 @@ def scene_file(folder, name, crs):
     return file
 
 
-def test_the_nearest_scene_answers(run, tmp_path):
+def test_the_nearest_scene_answers(run: Path, tmp_path: Path) -> None:
     name = sorted(QUERIES)[0]
     place = exported(run, name)["position"]
     with Server("--cache", run / "cache", scenes=(scene_file(tmp_path, "far", FAR), scene_file(tmp_path, "near", CRS))) as server:
@@ -132,7 +135,7 @@ def test_the_nearest_scene_answers(run, tmp_path):
         assert status == 404 and answer["field"] == "scene"
 
 
-def test_what_is_wrong_is_told(run, server):
+def test_what_is_wrong_is_told(run: Path, server: Server) -> None:
     name = sorted(QUERIES)[0]
     request = request_of(name)
     assert ask(server, request, "/geopose?scene=other")[1]["field"] == "scene"
@@ -146,14 +149,14 @@ def test_what_is_wrong_is_told(run, server):
     assert status == 422 and "not localized" in answer["detail"]
 
 
-def test_a_scene_without_a_crs_has_no_place(run):
+def test_a_scene_without_a_crs_has_no_place(run: Path) -> None:
     with Server(*options(run)) as server:
         status, answer = ask(server, request_of(sorted(QUERIES)[0]))
         assert status == 404 and answer["field"] == "scene" and "CRS" in answer["detail"]
         assert "geopose" not in json.loads(server.localize(sorted(QUERIES)[0]))
 
 
-def test_a_system_that_is_not_meant_for_the_scene_is_refused(run):
+def test_a_system_that_is_not_meant_for_the_scene_is_refused(run: Path) -> None:
     done = subprocess.run([RAYLIFT, "serve", SCENE, "--port", "0", "--crs", "EPSG:25832", *options(run)],
                           capture_output=True, text=True)
     assert done.returncode == 3, done

@@ -1,5 +1,7 @@
 import struct
 import zlib
+from pathlib import Path
+from typing import Any, Callable
 
 import numpy as np
 import pytest
@@ -9,17 +11,17 @@ from synthetic import CAMERA, pose
 from test_rendering import DEMO
 
 
-def small_model():
+def small_model() -> raylift.ColmapModel:
     model = raylift.ColmapModel()
     model.add_camera(3, CAMERA)
-    model.add_image(5, "b.jpg", 3, pose([0.1, 0, 0], [1, 2, 3]), [[1.5, 2.5], [3, 4]], [9, -1])
+    model.add_image(5, "b.jpg", 3, pose([0.1, 0, 0], [1, 2, 3]), [[1.5, 2.5], [3.0, 4.0]], [9, -1])
     model.add_image(6, "a.jpg", 3, np.eye(4), [[7, 8]], [9])
     model.add_point3d(9, [1, 2, 3], [[5, 0], [6, 0]], (10, 20, 30), 0.25)
     return model
 
 
 @pytest.mark.parametrize("form", ["text", "binary"])
-def test_models_round_trip(tmp_path, form):
+def test_models_round_trip(tmp_path: Path, form: str) -> None:
     model = small_model()
     model.write(tmp_path / form, form)
     assert (tmp_path / form / ("images.txt" if form == "text" else "images.bin")).exists()
@@ -27,7 +29,7 @@ def test_models_round_trip(tmp_path, form):
     assert read.cameras == {3: CAMERA} and read.image_ids == [5, 6]
     image = read.image(5)
     assert image["name"] == "b.jpg" and image["camera_id"] == 3
-    assert image["points2d"].tolist() == [[1.5, 2.5], [3, 4]]
+    assert image["points2d"].tolist() == [[1.5, 2.5], [3.0, 4.0]]
     assert image["point3d_ids"].tolist() == [9, -1]
     assert image["cam_from_world"].center == pytest.approx([1, 2, 3])
     points = read.points3d
@@ -58,7 +60,8 @@ def test_models_round_trip(tmp_path, form):
     (lambda m: m.add_point3d(1, [0, 0, 1], [[5, 2]]), "image 5 has 2 keypoints, and none of index 2"),
     (lambda m: m.add_point3d(1, [0, 0, 1], [[5, 0]]), "keypoint 0 of image 5 observes point 9 already"),
 ])
-def test_what_no_reader_takes_is_refused_when_added(tmp_path, add, message):
+def test_what_no_reader_takes_is_refused_when_added(tmp_path: Path, add: Callable[..., Any],
+                                                    message: str) -> None:
     model = small_model()
     with pytest.raises(raylift.InputError, match=message):
         add(model)
@@ -66,7 +69,7 @@ def test_what_no_reader_takes_is_refused_when_added(tmp_path, add, message):
     assert raylift.ColmapModel.read(tmp_path).points3d["ids"].tolist() == [9]
 
 
-def test_keypoints_and_tracks_agree(tmp_path):
+def test_keypoints_and_tracks_agree(tmp_path: Path) -> None:
     model = small_model()
     model.add_point3d(4, [0, 0, 1], [[5, 1]])
     assert model.image(5)["point3d_ids"].tolist() == [9, 4]
@@ -76,7 +79,7 @@ def test_keypoints_and_tracks_agree(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["a.exr", "a.npy", "a.npz", "a.tiff", "a.pfm", "a.bin", "a.png"])
-def test_depth_round_trips(tmp_path, name):
+def test_depth_round_trips(tmp_path: Path, name: str) -> None:
     depth = np.random.default_rng(0).uniform(0.5, 9, (6, 8)).astype(np.float32)
     report = raylift.write_depth(tmp_path / name, depth, exr_compression="zip")
     assert report["bytes"] == (tmp_path / name).stat().st_size and report["dropped"] == 0
@@ -92,7 +95,7 @@ def test_depth_round_trips(tmp_path, name):
     assert (raylift.read_depth(tmp_path / name) == read).all()
 
 
-def test_depth_files_of_others(tmp_path):
+def test_depth_files_of_others(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.arange(6, dtype=np.uint16).reshape(2, 3))
     assert raylift.read_depth(tmp_path / "a.npy").tolist() == [[0, 1, 2], [3, 4, 5]]
     np.arange(6, dtype=np.float32).tofile(tmp_path / "a.depth")
@@ -111,29 +114,29 @@ def test_depth_files_of_others(tmp_path):
     assert raylift.write_depth(tmp_path / "b.png", np.full((2, 2), 1e6), out_of_range="drop")["dropped"] == 4
 
 
-def test_poses_and_queries_round_trip(tmp_path):
-    poses = {"z.jpg": pose([0.1, 0.2, 0.3], [1, 2, 3]), "a b.jpg".replace(" ", "_"): np.eye(4)}
+def test_poses_and_queries_round_trip(tmp_path: Path) -> None:
+    poses: dict[str, Any] = {"z.jpg": pose([0.1, 0.2, 0.3], [1, 2, 3]), "a b.jpg".replace(" ", "_"): np.eye(4)}
     raylift.write_poses(tmp_path / "poses.txt", poses)
     read = raylift.read_poses(str(tmp_path / "poses.txt"))
     assert list(read) == ["z.jpg", "a_b.jpg"]
     assert read["z.jpg"].matrix.tolist() == poses["z.jpg"].matrix.tolist()
-    queries = [("z.jpg", CAMERA), ("a.jpg", "PINHOLE 4 3 1 1 2 1.5")]
+    queries: list[tuple[str, Any]] = [("z.jpg", CAMERA), ("a.jpg", "PINHOLE 4 3 1 1 2 1.5")]
     raylift.write_queries(tmp_path / "queries.txt", queries)
-    read = raylift.read_queries(tmp_path / "queries.txt")
-    assert read[0] == ("z.jpg", CAMERA) and read[1][1].model == "PINHOLE"
+    first, second = raylift.read_queries(tmp_path / "queries.txt")
+    assert first == ("z.jpg", CAMERA) and second[1].model == "PINHOLE"
     (tmp_path / "poses.txt").write_text("a.jpg 1 0 0 0 1 2\n")
     with pytest.raises(raylift.InputError, match="poses.txt: line 1"):
         raylift.read_poses(tmp_path / "poses.txt")
 
 
-def test_photographs(tmp_path):
+def test_photographs(tmp_path: Path) -> None:
     image = raylift.read_image(DEMO / "images/query/query_05.jpg")
     assert image.shape == (640, 480, 3) and image.dtype == np.uint8
     with pytest.raises(raylift.InputError, match="missing.jpg"):
         raylift.read_image(tmp_path / "missing.jpg")
 
 
-def tiled_tiff(side, tile):
+def tiled_tiff(side: int, tile: int) -> bytes:
     """A picture of side^2 gray pixels, all 7, in one tile of tile^2."""
     packer = zlib.compressobj(1)
     row = b"\7" * tile
@@ -144,7 +147,7 @@ def tiled_tiff(side, tile):
     return struct.pack("<2sHI", b"II", 42, 8 + len(data)) + data + struct.pack("<H", len(tags)) + entries + b"\0" * 4
 
 
-def test_tiles_far_larger_than_their_picture_are_refused(tmp_path):
+def test_tiles_far_larger_than_their_picture_are_refused(tmp_path: Path) -> None:
     (tmp_path / "usual.tif").write_bytes(tiled_tiff(10, 1024))
     assert (raylift.read_image(tmp_path / "usual.tif") == 7).all()
     (tmp_path / "large.tif").write_bytes(tiled_tiff(10, 16384))  # 256 MB

@@ -5,9 +5,12 @@ import os
 import pickle
 import struct
 import subprocess
+from pathlib import Path
+from typing import Sequence
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import raylift
 
@@ -36,7 +39,8 @@ f 2 5 6 3
 """
 
 
-def render(folder, mesh, *options, looks_down=False):
+def render(folder: Path, mesh: Path | list[Path], *options: Path | str,
+           looks_down: bool = False) -> tuple[int, str]:
     pose = "0 1 0 0 0 0 20" if looks_down else "1 0 0 0 0 0 0"
     (folder / "cameras.txt").write_text(f"a.jpg {pose} {CAMERA}\n")
     meshes = mesh if isinstance(mesh, list) else [mesh]
@@ -47,30 +51,30 @@ def render(folder, mesh, *options, looks_down=False):
     return ended.returncode, ended.stderr
 
 
-def maps_of(folder):
+def maps_of(folder: Path) -> list[NDArray[np.uint32]]:
     return [np.load(folder / "out" / product / "a.npy") for product in ("instance", "semantic")]
 
 
-def names(folder, product):
+def names(folder: Path, product: str) -> list[tuple[int, str]]:
     lines = (folder / "out" / f"{product}.txt").read_text().splitlines()
     return [(int(line.split(" ", 1)[0]), line.split(" ", 1)[1]) for line in lines]
 
 
 @pytest.fixture
-def obj(tmp_path):
+def obj(tmp_path: Path) -> Path:
     (tmp_path / "scene.obj").write_text(OBJ)
     (tmp_path / "scene.mtl").write_text("newmtl brick\nKd 1 0 0\nnewmtl glass\nKd 0 0 1\n")
     return tmp_path / "scene.obj"
 
 
-def wall_and_door(unnamed):
+def wall_and_door(unnamed: int) -> NDArray[np.int64]:
     """What is seen of OBJ: the square in front has neither a group nor a material."""
     front = (abs(X) < 0.2) & (abs(Y) < 0.2)
     behind = np.where(abs(X) < 0.8, np.where(X < 0, 0, 1), NONE)
     return np.where(front, unnamed, np.where(abs(Y) < 0.8, behind, NONE))
 
 
-def test_a_pickled_mesh_keeps_its_ids(obj):
+def test_a_pickled_mesh_keeps_its_ids(obj: Path) -> None:
     mesh = raylift.Mesh.read(obj)
     again = pickle.loads(pickle.dumps(mesh))
     pose = (CAMERA, raylift.Rigid3())
@@ -79,7 +83,7 @@ def test_a_pickled_mesh_keeps_its_ids(obj):
         assert (maps[0] != NONE).any() and (maps[0] == maps[1]).all()
 
 
-def test_groups_and_materials_of_obj(tmp_path, obj):
+def test_groups_and_materials_of_obj(tmp_path: Path, obj: Path) -> None:
     assert render(tmp_path, obj) == (0, "")
     for ids in maps_of(tmp_path):
         assert ids.dtype == np.uint32 and (ids == wall_and_door(NONE)).all()
@@ -87,13 +91,13 @@ def test_groups_and_materials_of_obj(tmp_path, obj):
     assert names(tmp_path, "semantic") == [(0, "brick"), (1, "glass")]
 
 
-def test_png_has_16_bits(tmp_path, obj):
+def test_png_has_16_bits(tmp_path: Path, obj: Path) -> None:
     assert render(tmp_path, obj, "--format", "instance=png") == (0, "")
     stored = raylift.read_depth(tmp_path / "out/instance/a.png")
     assert (stored == np.where(wall_and_door(NONE) == NONE, 65535, wall_and_door(NONE))).all()
 
 
-def test_a_table_says_what_names_are(tmp_path, obj):
+def test_a_table_says_what_names_are(tmp_path: Path, obj: Path) -> None:
     (tmp_path / "table.txt").write_text("# id pattern\n7 *door ?\n3 brick\n7 nothing\n")
     code, warnings = render(tmp_path, obj, "--semantics", tmp_path / "table.txt")
     assert code == 0 and "1 of 3 parts of the meshes have no id" in warnings
@@ -106,26 +110,26 @@ def test_a_table_says_what_names_are(tmp_path, obj):
 @pytest.mark.parametrize("table, message", [
     ("one brick\n", "line 1: id"), ("4294967295 brick\n", "line 1: id: expected a number up to 4294967294"),
     ("1\n", 'line 1: expected "ID PATTERN"'), ("# nothing\n", "found none")])
-def test_wrong_tables_are_named(tmp_path, obj, table, message):
+def test_wrong_tables_are_named(tmp_path: Path, obj: Path, table: str, message: str) -> None:
     (tmp_path / "table.txt").write_text(table)
     code, error = render(tmp_path, obj, "--semantics", tmp_path / "table.txt")
     assert code == 3 and "table.txt" in error and message in error
 
 
-def test_ids_beyond_16_bits_are_refused_as_png(tmp_path, obj):
+def test_ids_beyond_16_bits_are_refused_as_png(tmp_path: Path, obj: Path) -> None:
     (tmp_path / "table.txt").write_text("65535 brick\n")
     code, error = render(tmp_path, obj, "--semantics", tmp_path / "table.txt", "--format", "png")
     assert code == 3 and "the id 65535 is beyond the 65534 of a PNG of 16 bits" in error
 
 
-def test_meshes_without_names_are_refused(tmp_path):
+def test_meshes_without_names_are_refused(tmp_path: Path) -> None:
     (tmp_path / "bare.obj").write_text("".join(line + "\n" for line in OBJ.splitlines()
                                                if line[0] in "vf"))
     code, error = render(tmp_path, tmp_path / "bare.obj")
     assert code == 2 and "instance: no mesh has names of nodes" in error
 
 
-def test_joined_meshes_count_on_and_share_materials(tmp_path, obj):
+def test_joined_meshes_count_on_and_share_materials(tmp_path: Path, obj: Path) -> None:
     hidden = "".join(line + "0\n" if line[:2] == "v " else line + "\n" for line in OBJ.splitlines())
     (tmp_path / "hidden.obj").write_text(hidden)  # ten times as far away
     assert render(tmp_path, [tmp_path / "hidden.obj", obj]) == (0, "")
@@ -136,10 +140,10 @@ def test_joined_meshes_count_on_and_share_materials(tmp_path, obj):
     assert names(tmp_path, "semantic") == [(0, "brick"), (1, "glass")]
 
 
-def glb(nodes):
+def glb(nodes: Sequence[dict[str, object]]) -> bytes:
     """A square of 2 x 2 around the origin, as floats, in a file of these nodes."""
-    corners = np.float32([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
-    data = corners.tobytes() + np.uint32([0, 1, 2, 0, 2, 3]).tobytes()
+    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float32)
+    data = corners.tobytes() + np.array([0, 1, 2, 0, 2, 3], np.uint32).tobytes()
     text = json.dumps({
         "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": nodes,
         "materials": [{"name": "paint"}],
@@ -154,7 +158,7 @@ def glb(nodes):
         + text.encode() + struct.pack("<I4s", len(data), b"BIN\0") + data
 
 
-def test_nodes_of_gltf_are_instances_of_one_mesh(tmp_path):
+def test_nodes_of_gltf_are_instances_of_one_mesh(tmp_path: Path) -> None:
     (tmp_path / "scene.glb").write_bytes(glb([
         {"name": "street", "children": [1, 2], "translation": [0, 0, 10]},
         {"name": "left", "mesh": 0, "translation": [-4, 0, 0]},
@@ -172,7 +176,7 @@ CORNERS = [[x, y, z] for z in (0, 10) for x, y in [(-4, -4), (4, -4), (4, 4), (-
 SIDES = {"GroundSurface": [0, 3, 2, 1], "WallSurface": [0, 1, 5, 4], "RoofSurface": [4, 5, 6, 7]}
 
 
-def city_json():
+def city_json() -> str:
     return json.dumps({
         "type": "CityJSON", "version": "1.1", "transform": {"scale": [1, 1, 1], "translate": [0, 0, 0]},
         "vertices": CORNERS + [[x + 9 if x > 0 else x + 11, y, z] for x, y, z in CORNERS],
@@ -185,8 +189,8 @@ def city_json():
                 "semantics": {"surfaces": [{"type": "RoofSurface"}], "values": [None, None, 0]}}]}}})
 
 
-def city_gml():
-    def polygon(ring, name):
+def city_gml() -> str:
+    def polygon(ring: list[int], name: str) -> str:
         points = " ".join(str(value) for at in ring + ring[:1] for value in CORNERS[at])
         return (f'<gml:Polygon gml:id="{name}"><gml:exterior><gml:LinearRing><gml:posList>{points}'
                 "</gml:posList></gml:LinearRing></gml:exterior></gml:Polygon>")
@@ -202,7 +206,7 @@ def city_gml():
 
 
 @pytest.mark.parametrize("name, text", [("a.city.json", city_json()), ("a.gml", city_gml())])
-def test_kinds_of_surfaces_of_city_models(tmp_path, name, text):
+def test_kinds_of_surfaces_of_city_models(tmp_path: Path, name: str, text: str) -> None:
     (tmp_path / name).write_text(text)
     assert render(tmp_path, tmp_path / name, looks_down=True)[0] == 0
     instances, semantics = maps_of(tmp_path)

@@ -1,20 +1,24 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import raylift
-from synthetic import CAMERA, Problem, pose
-from test_rendering import CORNERS, DEMO, FACES, FRONT, PINHOLE
+from raylift import _results
+from synthetic import CAMERA, Problem, some
+from test_rendering import CORNERS, FACES, FRONT, PINHOLE
 
 IMAGE = raylift.PosedImage("front.jpg", PINHOLE, FRONT)
 PIXELS = np.array([[32, 24], [47, 24], [1, 1], [33.5, 20.25]])
 
 
 @pytest.fixture(scope="module")
-def mesh():
+def mesh() -> raylift.Mesh:
     return raylift.Mesh(CORNERS, FACES)
 
 
-def expect_face(lifted):
+def expect_face(lifted: _results.LiftedPixels) -> None:
     """The face z = -1, 3 before the camera; the third pixel sees none."""
     points = lifted["points"]
     assert points[0] == pytest.approx([0, 0, -1], abs=1e-5)
@@ -27,7 +31,7 @@ def expect_face(lifted):
     assert lifted["back_face"].dtype == bool
 
 
-def test_lifting_from_meshes_of_all_kinds(mesh, tmp_path):
+def test_lifting_from_meshes_of_all_kinds(mesh: raylift.Mesh, tmp_path: Path) -> None:
     caster = raylift.RayCaster(mesh)
     for geometry in mesh, caster, raylift.Geometry(mesh), raylift.Geometry(caster):
         expect_face(raylift.Lifter(geometry).lift(IMAGE, PIXELS))
@@ -36,12 +40,12 @@ def test_lifting_from_meshes_of_all_kinds(mesh, tmp_path):
     with pytest.raises(raylift.OptionError, match="geometry"):
         raylift.Geometry("voxels:a")
     with pytest.raises(raylift.InputError, match="geometry: expected a Mesh"):
-        raylift.Geometry(3)
+        raylift.Geometry(3)  # type: ignore[arg-type]
     with pytest.raises(raylift.OptionError, match="at least one"):
         raylift.Lifter()
 
 
-def test_lifting_from_depth_in_memory(mesh):
+def test_lifting_from_depth_in_memory(mesh: raylift.Mesh) -> None:
     maps = raylift.RayCaster(mesh).render(PINHOLE, FRONT, ["depth", "distance"])
     depth = raylift.DepthMaps.from_arrays({"front.jpg": maps["depth"], "other.jpg": 3}, [IMAGE])
     expect_face(depth.lift(IMAGE, PIXELS))
@@ -49,23 +53,23 @@ def test_lifting_from_depth_in_memory(mesh):
     expect_face(along.lift(IMAGE, PIXELS))
     halved = raylift.DepthMaps.from_arrays({"front.jpg": maps["depth"] / 2}, [IMAGE], scale=2)
     expect_face(halved.lift(IMAGE, PIXELS))
-    loaded = depth.load(IMAGE)
-    assert (loaded == maps["depth"]).all() and not loaded.flags.owndata and not loaded.flags.writeable
+    loaded = some(depth.load(IMAGE))
+    assert np.array_equal(loaded, maps["depth"]) and not loaded.flags.owndata and not loaded.flags.writeable
     assert depth.load(raylift.PosedImage("other.jpg", PINHOLE, FRONT)) is None
     with pytest.raises(raylift.InputError, match="maps: none is of a reference"):
         raylift.DepthMaps.from_arrays({}, [IMAGE])
     with pytest.raises(raylift.OptionError, match="kind = up: expected z"):
-        raylift.DepthMaps.from_arrays({"front.jpg": maps["depth"]}, [IMAGE], kind="up")
+        raylift.DepthMaps.from_arrays({"front.jpg": maps["depth"]}, [IMAGE], kind="up")  # type: ignore[arg-type]
 
 
-def test_lifting_from_depth_in_files(mesh, tmp_path):
+def test_lifting_from_depth_in_files(mesh: raylift.Mesh, tmp_path: Path) -> None:
     depth = raylift.RayCaster(mesh).render(PINHOLE, FRONT)["depth"]
     np.save(tmp_path / "front.npy", (1000 * depth).astype(np.uint16))
     maps = raylift.DepthMaps(tmp_path, [IMAGE], unit="mm")
     expect_face(maps.lift(IMAGE, PIXELS))
     expect_face(raylift.Geometry(f"depth:{tmp_path},unit=mm", references=[IMAGE]).lift(IMAGE, PIXELS))
     assert "uint16" in maps.understood and maps.warnings == []
-    first, second = maps.load(IMAGE), maps.load(IMAGE)
+    first, second = some(maps.load(IMAGE)), some(maps.load(IMAGE))
     assert first == pytest.approx(depth, abs=1e-3)
     assert first.__array_interface__["data"] == second.__array_interface__["data"]
     assert not first.flags.writeable
@@ -75,7 +79,7 @@ def test_lifting_from_depth_in_files(mesh, tmp_path):
         raylift.DepthMaps(tmp_path / "missing", [IMAGE])
 
 
-def test_lifting_from_a_model(tmp_path):
+def test_lifting_from_a_model(tmp_path: Path) -> None:
     model = raylift.ColmapModel()
     model.add_camera(1, PINHOLE)
     for i in (1, 2):
@@ -90,7 +94,7 @@ def test_lifting_from_a_model(tmp_path):
     assert two["source"].tolist() == [0, 1, -1]
 
 
-def wall_problem():
+def wall_problem() -> tuple[Problem, raylift.PoseProblem, NDArray[np.float64], raylift.Mesh]:
     """Pairs of a query and three references before a wall, the plane z = 5."""
     wall = raylift.Mesh([[-9, -9, 5], [9, -9, 5], [9, 9, 5], [-9, 9, 5]], [[0, 2, 1], [0, 3, 2]])
     data = Problem(noise_px=0, wrong=0)
@@ -103,7 +107,7 @@ def wall_problem():
     return data, problem, points, wall
 
 
-def test_lifted_matches_give_the_pose():
+def test_lifted_matches_give_the_pose() -> None:
     data, problem, points, wall = wall_problem()
     lifted = raylift.Lifter(wall).lift_matches(problem)
     assert len(problem.points3d) == 0 and len(lifted.points3d) == 3 * len(points)
@@ -115,7 +119,7 @@ def test_lifted_matches_give_the_pose():
     data.expect_near(raylift.estimate_all([lifted], method="d3p1")[0], 0.05, 0.005)
 
 
-def test_filter_and_candidates():
+def test_filter_and_candidates() -> None:
     _, problem, points, wall = wall_problem()
     lifted = raylift.Lifter(wall).lift_matches(problem)
     moved = lifted.points3d.copy()

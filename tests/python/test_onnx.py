@@ -1,22 +1,25 @@
 """raylift.onnx by small graphs whose answers are known exactly, made here as protobuf's bytes."""
 
-import os
 import sys
 from pathlib import Path
+from typing import Any, Sequence
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import raylift
 from scenes import DEMO, MESH, truth
-from synthetic import CAMERA, Problem
+from synthetic import some
 
 FLOAT, UINT8, INT64 = 1, 2, 7
+Value = tuple[str, int, Sequence[int | str]]
+Constants = Sequence[tuple[str, NDArray[Any]]]
 
 
-def field(number, value):
+def field(number: int, value: int | str | bytes) -> bytes:
     """A field of a protobuf message: an integer, or bytes and text with their length."""
-    def varint(n):
+    def varint(n: int) -> bytes:
         out = b""
         while n > 127:
             out, n = out + bytes([n & 127 | 128]), n >> 7
@@ -28,18 +31,22 @@ def field(number, value):
     return varint(number << 3 | 2) + varint(len(data)) + data
 
 
-def tensor(name, array):
-    array = np.asarray(array)
+def ints(*numbers: int) -> NDArray[np.int64]:
+    return np.array(numbers, np.int64)
+
+
+def tensor(name: str, array: NDArray[Any]) -> bytes:
     kind = {np.dtype(np.float32): FLOAT, np.dtype(np.int64): INT64}[array.dtype]
     return b"".join(field(1, n) for n in array.shape) + field(2, kind) + field(8, name) + field(9, array.tobytes())
 
 
-def value(name, kind, shape):
+def value(name: str, kind: int, shape: Sequence[int | str]) -> bytes:
     dims = b"".join(field(1, field(1, n) if isinstance(n, int) else field(2, n)) for n in shape)
     return field(1, name) + field(2, field(1, field(1, kind) + field(2, dims)))
 
 
-def node(kind, inputs, output, **attributes):
+def node(kind: str, inputs: Sequence[str], output: str | list[str],
+         **attributes: int | list[int]) -> bytes:
     outputs = [output] if isinstance(output, str) else output
     text = b"".join(field(1, name) for name in inputs) + b"".join(field(2, name) for name in outputs) + field(4, kind)
     for name, number in attributes.items():
@@ -50,7 +57,8 @@ def node(kind, inputs, output, **attributes):
     return text
 
 
-def write_graph(file, inputs, nodes, outputs, constants=()):
+def write_graph(file: Path, inputs: Sequence[Value], nodes: Sequence[bytes], outputs: Sequence[Value],
+                constants: Constants = ()) -> Path:
     graph = b"".join(field(1, one) for one in nodes) + field(2, "g")
     graph += b"".join(field(5, tensor(*one)) for one in constants)
     graph += b"".join(field(11, value(*one)) for one in inputs) + b"".join(field(12, value(*one)) for one in outputs)
@@ -58,7 +66,7 @@ def write_graph(file, inputs, nodes, outputs, constants=()):
     return file
 
 
-def bright(image, suffix=""):
+def bright(image: str, suffix: str = "") -> list[bytes]:
     """Nodes that find pixels brighter than a half: `keypoints` (x, y) and `rows` (0, 0, y, x)."""
     return [node("Greater", [image, "least"], "is_bright" + suffix), node("NonZero", ["is_bright" + suffix], "found" + suffix),
             node("Transpose", ["found" + suffix], "indices" + suffix, perm=[1, 0]),
@@ -66,36 +74,38 @@ def bright(image, suffix=""):
             node("Gather", ["rows" + suffix, "xy"], "keypoints" + suffix, axis=1)]
 
 
-CONSTANTS = [("least", np.float32([0.5])), ("xy", np.int64([3, 2]))]
+CONSTANTS: Constants = [("least", np.array([0.5], np.float32)), ("xy", ints(3, 2))]
 SPOTS = np.array([[4, 8], [20, 12], [40, 24]])
 
 
-def photograph(spots=SPOTS, size=4):
+def photograph(spots: NDArray[Any] = SPOTS, size: int = 4) -> NDArray[np.uint8]:
     image = np.zeros((48, 64, 3), np.uint8)
     for x, y in spots:
         image[y:y + size, x:x + size] = 255
     return image
 
 
-def extractor_file(folder, height="h", width="w", channels=1):
+def extractor_file(folder: Path, height: int | str = "h", width: int | str = "w",
+                   channels: int = 1) -> Path:
     return write_graph(folder / f"extractor_{height}.onnx", [("image", FLOAT, [1, channels, height, width])],
                        bright("image") + [node("Identity", ["rows"], "descriptors")],
                        [("keypoints", FLOAT, ["n", 2]), ("descriptors", FLOAT, ["n", 4])], CONSTANTS)
 
 
-def test_without_onnxruntime_the_error_says_what_to_install(tmp_path, monkeypatch):
+def test_without_onnxruntime_the_error_says_what_to_install(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     with pytest.raises(ImportError, match=r"pip install raylift\[onnx\]"):
         raylift.onnx.Extractor(tmp_path / "a.onnx")
 
 
 @pytest.fixture(autouse=True)
-def runtime(request):
+def runtime(request: pytest.FixtureRequest) -> None:
     if "without_onnxruntime" not in request.node.name:
         pytest.importorskip("onnxruntime", reason="onnxruntime is not installed: pip install raylift[onnx]")
 
 
-def test_pixels_are_the_photographs(tmp_path):
+def test_pixels_are_the_photographs(tmp_path: Path) -> None:
     found = raylift.onnx.Extractor(extractor_file(tmp_path))(photograph(size=1))
     assert sorted(map(tuple, found["keypoints"])) == sorted(map(tuple, SPOTS))
     assert (found["descriptors"][:, [3, 2]] == found["keypoints"]).all() and found["image_size"].tolist() == [64, 48]
@@ -103,7 +113,8 @@ def test_pixels_are_the_photographs(tmp_path):
 
 @pytest.mark.parametrize("options, graph_size, factor", [(dict(longer_side=32), ("h", "w"), (2, 2)),
                                                          (dict(), (24, 64), (1, 2)), (dict(), (12, 16), (4, 4))])
-def test_photographs_are_resized_edge_to_edge(tmp_path, options, graph_size, factor):
+def test_photographs_are_resized_edge_to_edge(tmp_path: Path, options: Any, graph_size: Any,
+                                              factor: Any) -> None:
     found = raylift.onnx.Extractor(extractor_file(tmp_path, *graph_size), **options)(photograph())
     # The spots (x, y) to (x + 4, y + 4) are of whole pixels of the smaller picture, whose centers are these.
     expected = [(x + (i + 0.5) * factor[0] - 0.5, y + (j + 0.5) * factor[1] - 0.5)
@@ -113,15 +124,16 @@ def test_photographs_are_resized_edge_to_edge(tmp_path, options, graph_size, fac
     assert shifted["keypoints"] == pytest.approx(found["keypoints"] - 0.5 * np.array(factor))
 
 
-def test_resizing_keeps_straight_lines_and_means():
+def test_resizing_keeps_straight_lines_and_means() -> None:
     ramp = np.repeat(np.arange(64, dtype=float)[None, :, None], 48, axis=0)
     for width in 32, 20, 128:
         middle = raylift.onnx._resized(ramp, width, 48)[0, 4:-4, 0]
         assert middle == pytest.approx((np.arange(width) + 0.5)[4:-4] * 64 / width - 0.5, abs=0.05)
 
 
-def test_a_matcher_of_features(tmp_path):
-    values = [(f"{name}{i}", FLOAT, [1, f"n{i}", columns]) for i in "01" for name, columns in (("kpts", 2), ("desc", 4))]
+def test_a_matcher_of_features(tmp_path: Path) -> None:
+    values: list[Value] = [(f"{name}{i}", FLOAT, [1, f"n{i}", columns])
+                           for i in "01" for name, columns in (("kpts", 2), ("desc", 4))]
     file = write_graph(tmp_path / "matcher.onnx", values,
                        [node("Transpose", ["desc1"], "other", perm=[0, 2, 1]), node("MatMul", ["desc0", "other"], "alike"),
                         node("ArgMax", ["alike"], "matches0", axis=2, keepdims=0),
@@ -141,7 +153,7 @@ def test_a_matcher_of_features(tmp_path):
         centered({"keypoints": SPOTS, "descriptors": unit[:3]}, second)
 
 
-def test_a_matcher_of_photographs_localizes(tmp_path):
+def test_a_matcher_of_photographs_localizes(tmp_path: Path) -> None:
     file = write_graph(tmp_path / "matcher.onnx", [(f"image{i}", FLOAT, [1, 1, "h", "w"]) for i in "01"],
                        bright("image0", "0") + bright("image1", "1"),
                        [(f"keypoints{i}", FLOAT, ["n", 2]) for i in "01"], CONSTANTS)
@@ -155,11 +167,11 @@ def test_a_matcher_of_photographs_localizes(tmp_path):
     assert (reference - query == [3, 5]).all() and scores is None
 
 
-def write_png(file, image):
+def write_png(file: Path, image: NDArray[np.uint8]) -> None:
     import struct
     import zlib
 
-    def chunk(kind, data):
+    def chunk(kind: bytes, data: bytes) -> bytes:
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
     height, width = image.shape[:2]
@@ -168,7 +180,7 @@ def write_png(file, image):
                      chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b""))
 
 
-def test_global_descriptors_retrieve(tmp_path):
+def test_global_descriptors_retrieve(tmp_path: Path) -> None:
     file = write_graph(tmp_path / "global.onnx", [("pixels", UINT8, [1, 3, "h", "w"])],
                        [node("Cast", ["pixels"], "floats", to=FLOAT),
                         node("ReduceMean", ["floats"], "mean", axes=[2, 3], keepdims=0)], [("mean", FLOAT, [1, 3])])
@@ -182,7 +194,7 @@ def test_global_descriptors_retrieve(tmp_path):
                                                         "blue": ["pink", "red"]}
 
 
-def test_wrong_files_and_roles_are_input_errors(tmp_path):
+def test_wrong_files_and_roles_are_input_errors(tmp_path: Path) -> None:
     file = extractor_file(tmp_path)
     (tmp_path / "bad.onnx").write_bytes(b"no graph")
     with pytest.raises(raylift.InputError, match="nowhere.onnx: no such file"):
@@ -199,28 +211,29 @@ def test_wrong_files_and_roles_are_input_errors(tmp_path):
         raylift.onnx.Extractor(file)(np.zeros((4, 4)))
 
 
-def upright_sift(file, height, width, count=1500):
+def upright_sift(file: Path, height: int, width: int, count: int = 1500) -> Path:
     """Corners (Harris) and upright histograms of gradients around them, as SIFT's, at one scale."""
     y, x = np.mgrid[-6:7, -6:7].astype(np.float32)
 
-    def gaussian(sigma):
+    def gaussian(sigma: float) -> Any:
         weights = np.exp(-(x**2 + y**2) / (2 * sigma**2))
         return weights / weights.sum()
 
     narrow = gaussian(1.0)
     slopes = np.stack([-x * narrow, -y * narrow])[:, None]  # d/dx, d/dy of the blurred picture
     angles = np.arange(8) * np.pi / 4
-    directions = np.float32(np.stack([np.cos(angles), np.sin(angles)], 1))[:, :, None, None]
+    directions = np.stack([np.cos(angles), np.sin(angles)], 1).astype(np.float32)[:, :, None, None]
     inside = np.zeros((1, 1, height, width), np.float32)
     inside[..., 16:-16, 16:-16] = 1
     cells = np.array([-9, -3, 3, 9])
     offsets = (cells[:, None] * width + cells).reshape(-1)
     constants = [("slopes", slopes), ("directions", directions),
                  ("blur", gaussian(2.0)[None, None]), ("pool", np.repeat(gaussian(3.0)[None, None], 8, axis=0)),
-                 ("inside", inside), ("count", np.int64([count])), ("plane", np.int64([8, -1])), ("flat", np.int64([-1])),
-                 ("offsets", np.int64(offsets)[None]), ("row", np.int64([[-1, 1]])[0]), ("width", np.int64([width])),
-                 ("columns", np.int64([count, 128])), ("few", np.float32([0.04])), ("tiny", np.float32([1e-9])),
-                 ("x", np.int64([0])), ("y", np.int64([1]))]
+                 ("inside", inside), ("count", ints(count)), ("plane", ints(8, -1)), ("flat", ints(-1)),
+                 ("offsets", offsets[None]), ("row", ints(-1, 1)), ("width", ints(width)),
+                 ("columns", ints(count, 128)), ("few", np.array([0.04], np.float32)),
+                 ("tiny", np.array([1e-9], np.float32)),
+                 ("x", ints(0)), ("y", ints(1))]
     same = [6, 6, 6, 6]
     nodes = [
         node("Conv", ["image", "slopes"], "gradient", pads=same), node("Split", ["gradient"], ["gx", "gy"], axis=1),
@@ -247,7 +260,7 @@ def upright_sift(file, height, width, count=1500):
                        constants)
 
 
-def test_a_made_extractor_localizes_the_demo(tmp_path):
+def test_a_made_extractor_localizes_the_demo(tmp_path: Path) -> None:
     scene = raylift.Scene(DEMO / "model", [MESH], images=DEMO / "images")
     extractor = raylift.onnx.Extractor(upright_sift(tmp_path / "made.onnx", 480, 640))
     localizer = raylift.Localizer(scene, extractor=extractor, extractor_name="upright-sift")
@@ -255,5 +268,5 @@ def test_a_made_extractor_localizes_the_demo(tmp_path):
     for name, camera in raylift.read_queries(DEMO / "queries.txt"):
         found = localizer.localize(DEMO / "images" / name, camera, name=name)
         pose = truth()[name].cam_from_world
-        near += bool(found) and np.linalg.norm(found.cam_from_world.center - pose.center) < 0.1
+        near += bool(found) and bool(np.linalg.norm(some(found.cam_from_world).center - pose.center) < 0.1)
     assert near >= 9

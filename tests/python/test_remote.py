@@ -4,26 +4,28 @@ import http.server
 import shutil
 import subprocess
 import threading
+from pathlib import Path
+from typing import Iterator
 
 import pytest
 
 from served import DEMO, QUERIES, RAYLIFT, SCENE, Server
 
 
-def localize(out, *options):
+def localize(out: Path, *options: Path | str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([str(word) for word in (RAYLIFT, "localize", "--scene", SCENE, "--out", out, *options)],
                           capture_output=True, text=True)
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("remote") / "run"
     assert localize(out, "--quiet").returncode == 0
     return out
 
 
 @pytest.fixture(scope="module")
-def server(run):
+def server(run: Path) -> Iterator[Server]:
     tokens = run.parent / "tokens.txt"
     tokens.write_text("secret\n")
     with Server("--cache", run / "cache", "--scene-calibration", run / "scene_calibration.json",
@@ -31,7 +33,7 @@ def server(run):
         yield server
 
 
-def test_results_are_those_without_a_server(run, server, tmp_path):
+def test_results_are_those_without_a_server(run: Path, server: Server, tmp_path: Path) -> None:
     token = tmp_path / "token"
     token.write_text("secret\n")
     # More at once than the server lets wait: some are sent again.
@@ -42,12 +44,13 @@ def test_results_are_those_without_a_server(run, server, tmp_path):
         assert (tmp_path / "out" / file).read_bytes() == (run / file).read_bytes()
 
 
-def test_photographs_of_unknown_cameras_are_those_without_a_server(run, server, tmp_path):
+def test_photographs_of_unknown_cameras_are_those_without_a_server(
+        run: Path, server: Server, tmp_path: Path) -> None:
     (tmp_path / "token").write_text("secret")
     (tmp_path / "photos").mkdir()
     for name in sorted(QUERIES)[:2]:
         shutil.copy(DEMO / "images" / name, tmp_path / "photos")
-    options = ["--queries", tmp_path / "photos", "--query-images", tmp_path / "photos"]
+    options: list[Path | str] = ["--queries", tmp_path / "photos", "--query-images", tmp_path / "photos"]
     local = localize(tmp_path / "local", *options, "--quiet", "--cache", run / "cache",
                      "--scene-calibration", run / "scene_calibration.json")
     remote = localize(tmp_path / "remote", *options, "--server", server.url, "--token-file", tmp_path / "token")
@@ -59,22 +62,23 @@ class Busy(http.server.BaseHTTPRequestHandler):
     """Is busy twice, and then knows no answer."""
     asked = 0
 
-    def do_POST(self):
+    def do_POST(self) -> None:
         self.rfile.read(int(self.headers["Content-Length"]))
         Busy.asked += 1
         if Busy.asked == 2:
-            return self.connection.shutdown(2)
+            self.connection.shutdown(2)
+            return
         self.send_response(503 if Busy.asked == 1 else 400)
         self.send_header("Retry-After", "1")
         self.end_headers()
         self.wfile.write(b"no JSON")
 
-    def log_message(self, *_):
+    def log_message(self, format: str, *_: object) -> None:
         pass
 
 
-def test_what_goes_wrong_is_one_line(server, tmp_path):
-    def told(*options):
+def test_what_goes_wrong_is_one_line(server: Server, tmp_path: Path) -> None:
+    def told(*options: Path | str) -> str:
         done = localize(tmp_path / "out", *options)
         assert done.returncode in (2, 3) and len(done.stderr.splitlines()) == 1, done
         assert not (tmp_path / "out").exists()
@@ -91,7 +95,7 @@ def test_what_goes_wrong_is_one_line(server, tmp_path):
     assert "expected a token alone" in told("--server", server.url, "--token-file", tmp_path / "token")
 
 
-def test_a_busy_server_is_asked_again(tmp_path):
+def test_a_busy_server_is_asked_again(tmp_path: Path) -> None:
     with http.server.HTTPServer(("127.0.0.1", 0), Busy) as busy:
         threading.Thread(target=busy.serve_forever, daemon=True).start()
         done = localize(tmp_path / "out", "--server", f"http://127.0.0.1:{busy.server_port}", "--threads", "1")
@@ -101,7 +105,8 @@ def test_a_busy_server_is_asked_again(tmp_path):
     assert done.stderr == f"raylift: {name}: the server refuses it: 400 Bad Request\n"
 
 
-def test_a_former_run_is_kept_unless_it_is_to_be_overwritten(run, server, tmp_path):
+def test_a_former_run_is_kept_unless_it_is_to_be_overwritten(
+        run: Path, server: Server, tmp_path: Path) -> None:
     done = localize(run, "--server", server.url)
     assert done.returncode == 2 and "--overwrite" in done.stderr
     token, out = tmp_path / "token", tmp_path / "out"
@@ -111,7 +116,7 @@ def test_a_former_run_is_kept_unless_it_is_to_be_overwritten(run, server, tmp_pa
     list_of_one = tmp_path / "queries.txt"
     list_of_one.write_text((DEMO / "queries.txt").read_text().splitlines()[0] + "\n")
     before = sorted(path.name for path in out.iterdir())
-    options = ["--token-file", token, "--overwrite", "--queries", list_of_one]
+    options: list[Path | str] = ["--token-file", token, "--overwrite", "--queries", list_of_one]
     assert localize(out, "--server", "http://127.0.0.1:1", *options).returncode == 3
     assert sorted(path.name for path in out.iterdir()) == before  # there is nothing to take its place
     done = localize(out, "--server", server.url, *options)
@@ -122,7 +127,7 @@ def test_a_former_run_is_kept_unless_it_is_to_be_overwritten(run, server, tmp_pa
     assert (out / "queries.jsonl").read_text() == (run / "queries.jsonl").read_text().splitlines(True)[0]
 
 
-def test_files_that_are_of_no_run_are_kept(server, tmp_path):
+def test_files_that_are_of_no_run_are_kept(server: Server, tmp_path: Path) -> None:
     token, out = tmp_path / "token", tmp_path / "out"
     token.write_text("secret")
     out.mkdir()

@@ -5,6 +5,7 @@ import json
 import os
 import typing
 from pathlib import Path
+from typing import Any, Iterator
 
 import numpy as np
 import pytest
@@ -18,9 +19,10 @@ DEMO = SOURCE / "assets/demo"
 MESH = f"mesh:{DEMO / 'scene.obj'}"
 
 
-def faults(value, kind, path=""):
+def faults(value: Any, kind: Any, path: str = "") -> Iterator[str]:
     """Where a value is not of the type."""
-    origin, of = typing.get_origin(kind), typing.get_args(kind)
+    origin: Any = typing.get_origin(kind)
+    of: Any = typing.get_args(kind)
     if hasattr(origin, "__value__"):  # NDArray of newer numpys
         origin, of = np.ndarray, (None, np.dtype[of[0]])
     if typing.is_typeddict(kind):
@@ -51,7 +53,7 @@ def faults(value, kind, path=""):
         yield f"{path}: {value!r} is no {kind}"
 
 
-def of_arrays(tmp_path):
+def of_arrays(tmp_path: Path) -> Iterator[tuple[Any, ...]]:
     problem, mesh = Problem(), raylift.Mesh.read(DEMO / "scene.obj")
     model = raylift.ColmapModel.read(DEMO / "model")
     matches = raylift.hloc.matches_from({"a": np.zeros((2, 4))}, cell_px=2)
@@ -80,18 +82,19 @@ def of_arrays(tmp_path):
     yield matches, _results.GivenMatches
 
 
-def test_results_of_arrays(tmp_path):
+def test_results_of_arrays(tmp_path: Path) -> None:
     for value, kind in of_arrays(tmp_path):
         assert list(faults(value, kind)) == [], kind
 
 
-def of_commands(tmp_path):
+def of_commands(tmp_path: Path) -> Iterator[tuple[Any, ...]]:
     queries, truth = tmp_path / "queries.txt", tmp_path / "truth.txt"
     photographs = raylift.ColmapModel.read(DEMO / "ground_truth").posed_images[:2]
     raylift.write_queries(queries, [(one.name, one.camera) for one in photographs])
     raylift.write_poses(truth, {one.name: one.cam_from_world for one in photographs})
-    few = {"max_features": 500, "queries": queries}
-    for i, options in enumerate([{"method": "p3p"}, {"rerender": 1}]):
+    few: dict[str, Any] = {"max_features": 500, "queries": queries}
+    several: list[dict[str, Any]] = [{"method": "p3p"}, {"rerender": 1}]
+    for i, options in enumerate(several):
         summary = raylift.localize(tmp_path / str(i), scene=DEMO / "scene.toml", **few, **options)
         yield summary, _results.LocalizeSummary
         for line in (tmp_path / str(i) / "queries.jsonl").read_text().splitlines():
@@ -108,12 +111,12 @@ def of_commands(tmp_path):
         **few), _results.Comparison
 
 
-def test_results_of_commands(tmp_path):
+def test_results_of_commands(tmp_path: Path) -> None:
     for value, kind in of_commands(tmp_path):
         assert list(faults(value, kind)) == [], kind
 
 
-def returns_in(node, owner=""):
+def returns_in(node: ast.AST, owner: str = "") -> Iterator[tuple[str, str]]:
     for one in ast.iter_child_nodes(node):
         if isinstance(one, ast.ClassDef):
             yield from returns_in(one, one.name + ".")
@@ -121,7 +124,7 @@ def returns_in(node, owner=""):
             yield owner + one.name, ast.unparse(one.returns) if one.returns else "nothing"
 
 
-def test_no_argument_of_the_compiled_part_is_left_open():
+def test_no_argument_of_the_compiled_part_is_left_open() -> None:
     stubs = ast.parse((Path(raylift.__file__).parent / "_core.pyi").read_text(encoding="utf-8"))
     taken = {f"{function.name}, {one.arg}": ast.unparse(one.annotation)
              for function in ast.walk(stubs) if isinstance(function, ast.FunctionDef)
@@ -129,7 +132,7 @@ def test_no_argument_of_the_compiled_part_is_left_open():
     assert {name: kind for name, kind in taken.items() if "Any" in kind and "__setstate__" not in name} == {}
 
 
-def test_no_type_of_a_result_is_left_open():
+def test_no_type_of_a_result_is_left_open() -> None:
     package = Path(raylift.__file__).parent
     for file in {*package.glob("*.py"), package / "_core.pyi"} - {package / "_types.py"}:  # others' classes
         found = dict(returns_in(ast.parse(file.read_text(encoding="utf-8"))))

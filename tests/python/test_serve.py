@@ -12,45 +12,50 @@ import socket
 import subprocess
 import time
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, Iterator
 
+import numpy as np
 import pytest
 
-from served import DEMO, FAST, QUERIES, RAYLIFT, SCENE, Server, form, lines_of, photograph, query_form
+import raylift
+from served import (
+    DEMO, FAST, QUERIES, RAYLIFT, SCENE, Answer, Server, form, lines_of, photograph, query_form)
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of `localize` on the demo."""
     out = tmp_path_factory.mktemp("run")
     subprocess.run([RAYLIFT, "localize", "--scene", SCENE, "--out", out, "--quiet"], check=True)
     return out
 
 
-def serve(run):
+def serve(run: Path) -> Server:
     return Server("--cache", run / "cache", "--scene-calibration", run / "scene_calibration.json")
 
 
 @pytest.fixture(scope="module")
-def server(run):
+def server(run: Path) -> Iterator[Server]:
     with serve(run) as server:
         yield server
 
 
-def problem(answer, status, field=None):
+def problem(answer: Answer, status: int, field: str | None = None) -> str:
     """Checks that an answer tells this problem, and returns its text."""
     found, headers, body = answer
     told = json.loads(body)
     assert found == status, told
     assert headers["Content-Type"] == "application/problem+json"
     assert told["status"] == status and told.get("field") == field, told
-    return told["detail"]
+    return str(told["detail"])
 
 
-def test_answers_are_those_of_the_command_line_to_8_clients_at_once(run, server):
+def test_answers_are_those_of_the_command_line_to_8_clients_at_once(run: Path, server: Server) -> None:
     assert server.answer_8_at_once({name: query_form(name) for name in QUERIES}) == lines_of(run)
 
 
-def test_a_photograph_alone_has_an_unknown_focal_length(server):
+def test_a_photograph_alone_has_an_unknown_focal_length(server: Server) -> None:
     name = sorted(QUERIES)[0]
     status, headers, body = server.ask("/v1/localize?scene=demo", *form([("image", name, photograph(name))]))
     answer = json.loads(body)
@@ -58,14 +63,14 @@ def test_a_photograph_alone_has_an_unknown_focal_length(server):
     assert "estimate;dur=" in headers["Server-Timing"]
 
 
-def test_json_holds_the_image_in_base64(run, server):
+def test_json_holds_the_image_in_base64(run: Path, server: Server) -> None:
     name = sorted(QUERIES)[0]
     body = json.dumps({"name": name, "camera": QUERIES[name], "image": base64.b64encode(photograph(name)).decode()})
     answer = server.ask("/v1/localize", body.encode(), {"Content-Type": "application/json"})
     assert answer[0] == 200 and answer[2].decode() == server.localize(name)
 
 
-def test_what_it_is_and_holds(server):
+def test_what_it_is_and_holds(server: Server) -> None:
     assert server.ask("/healthz")[0] == server.ask("/readyz")[0] == 200
     with pytest.raises(ConnectionRefusedError):  # it listens on 127.0.0.1 alone
         socket.create_connection(("127.0.0.2", server.address[1]))
@@ -90,17 +95,17 @@ def test_what_it_is_and_holds(server):
     assert status == 200 and body == b"" and headers["Content-Length"] == "3"
 
 
-def test_what_is_wrong_with_a_request_is_named(server):
+def test_what_is_wrong_with_a_request_is_named(server: Server) -> None:
     name = sorted(QUERIES)[0]
     image = ("image", "a.jpg", photograph(name))
 
-    def ask(*parts, path="/v1/localize"):
+    def ask(*parts: tuple[str, str | None, bytes], path: str = "/v1/localize") -> Answer:
         return server.ask(path, *form(parts))
 
-    def ask_query(query):
+    def ask_query(query: str) -> Answer:
         return ask(image, ("query", None, query.encode()))
 
-    def ask_json(text):
+    def ask_json(text: str) -> Answer:
         return server.ask("/v1/localize", text.encode(), {"Content-Type": "application/json"})
 
     assert "demo" in problem(ask(image, path="/v1/localize?scene=other"), 404, "scene")
@@ -144,13 +149,12 @@ def test_what_is_wrong_with_a_request_is_named(server):
     problem(server.ask("/healthz", b"", method="POST"), 405)
 
 
-def test_a_view_is_what_the_camera_of_an_answer_sees(server, tmp_path):
-    import numpy as np
+def test_a_view_is_what_the_camera_of_an_answer_sees(server: Server, tmp_path: Path) -> None:
     import raylift
     name = sorted(QUERIES)[0]
     asked = {"camera": QUERIES[name], "cam_from_world": json.loads(server.localize(name))["cam_from_world"]}
 
-    def view(**changes):
+    def view(**changes: Any) -> Any:
         return server.ask("/v1/view", json.dumps({**asked, **changes}).encode(), {"Content-Type": "application/json"})
 
     status, headers, body = view()
@@ -173,8 +177,7 @@ def test_a_view_is_what_the_camera_of_an_answer_sees(server, tmp_path):
     problem(server.ask("/v1/view"), 405)
 
 
-def test_features_stand_for_the_image(server):
-    import raylift
+def test_features_stand_for_the_image(server: Server) -> None:
     name = sorted(QUERIES)[0]
     features = raylift.extract_features(raylift.read_image(DEMO / "images" / name))
     asked = {"name": name, "camera": QUERIES[name],
@@ -188,7 +191,7 @@ def test_features_stand_for_the_image(server):
         assert found[part] == pytest.approx(expected[part], abs=1e-4)
 
 
-def test_features_that_the_scene_has_lost_are_no_fault_of_the_client(tmp_path):
+def test_features_that_the_scene_has_lost_are_no_fault_of_the_client(tmp_path: Path) -> None:
     name = sorted(QUERIES)[0]
     with Server("--cache", tmp_path, *FAST) as server:
         os.truncate(tmp_path / "features.h5", 4096)
@@ -198,7 +201,7 @@ def test_features_that_the_scene_has_lost_are_no_fault_of_the_client(tmp_path):
         assert code == 0 and f"{tmp_path}/features.h5: " in told
 
 
-def test_sigterm_answers_what_is_there_and_ends_with_0(run):
+def test_sigterm_answers_what_is_there_and_ends_with_0(run: Path) -> None:
     with serve(run) as server, ThreadPoolExecutor(4) as clients:
         answers = [clients.submit(server.localize, name) for name in sorted(QUERIES)[:4]]
         while b"raylift_body_bytes 0\n" in server.ask("/metrics")[2] and not all(a.done() for a in answers):
@@ -209,13 +212,13 @@ def test_sigterm_answers_what_is_there_and_ends_with_0(run):
         assert localized and all(json.loads(a.result())["verdict"] == "localized" for a in localized)
 
 
-def test_sigterm_ends_an_idle_server_with_0(run):
+def test_sigterm_ends_an_idle_server_with_0(run: Path) -> None:
     with serve(run) as server:
         assert server.ask("/healthz")[0] == 200
         assert server.end() == (0, "")
 
 
-def test_connections_end_with_their_answer_once_the_server_is_about_to_end(run):
+def test_connections_end_with_their_answer_once_the_server_is_about_to_end(run: Path) -> None:
     options = ("--cache", run / "cache", "--scene-calibration", run / "scene_calibration.json", "--drain-delay", "600s")
     with Server(*options) as server:
         connection = http.client.HTTPConnection(*server.address, timeout=60)

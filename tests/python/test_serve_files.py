@@ -7,15 +7,18 @@ import signal
 import socket
 import subprocess
 import time
+from pathlib import Path
+from typing import Callable
 
 import pytest
 
 from served import DEMO, FAST, QUERIES, RAYLIFT, SCENE, Server, query_form
+from synthetic import some
 
 FOLDER = DEMO.parent / "serve"
 
 
-def test_the_ready_files_name_options_that_there_are():
+def test_the_ready_files_name_options_that_there_are() -> None:
     known = subprocess.run([RAYLIFT, "serve", "--help"], capture_output=True, text=True, check=True).stdout
     used = {}
     for name in ("raylift.service", "compose.yaml", "kubernetes.yaml"):
@@ -31,16 +34,16 @@ def test_the_ready_files_name_options_that_there_are():
     assert [metric["type"] for metric in scaling["spec"]["metrics"]] == ["Resource"]
 
 
-def systemd_version():
+def systemd_version() -> int:
     """0: it is not here."""
     if not shutil.which("systemd-analyze"):
         return 0
     told = subprocess.run(["systemd-analyze", "--version"], capture_output=True, text=True, check=True).stdout
-    return int(re.match(r"systemd (\d+)", told)[1])
+    return int(some(re.match(r"systemd (\d+)", told))[1])
 
 
 @pytest.mark.skipif(systemd_version() < 250, reason="no systemd that knows security --offline is here")
-def test_the_unit_is_one_of_systemd_and_sandboxed(tmp_path):
+def test_the_unit_is_one_of_systemd_and_sandboxed(tmp_path: Path) -> None:
     unit = tmp_path / "raylift.service"
     unit.write_text((FOLDER / "raylift.service").read_text().replace("/usr/bin/raylift", RAYLIFT))
     checked = subprocess.run(["systemd-analyze", "verify", unit], capture_output=True, text=True)
@@ -50,20 +53,20 @@ def test_the_unit_is_one_of_systemd_and_sandboxed(tmp_path):
     assert exposed.returncode == 0, exposed.stdout
 
 
-def free_port():
+def free_port() -> int:
     with socket.socket() as unused:
         unused.bind(("127.0.0.1", 0))
-        return unused.getsockname()[1]
+        return int(unused.getsockname()[1])
 
 
-def wait_until(holds):
+def wait_until(holds: Callable[[], bool]) -> None:
     until = time.monotonic() + 60
     while not holds():
         assert time.monotonic() < until
         time.sleep(0.1)
 
 
-def is_ready(server):
+def is_ready(server: Server) -> bool:
     try:
         return server.ask("/readyz")[0] == 200
     except OSError:
@@ -71,7 +74,7 @@ def is_ready(server):
 
 
 @pytest.mark.skipif(not shutil.which("caddy"), reason="Caddy is not here")
-def test_two_servers_answer_behind_the_proxy_as_one(tmp_path):
+def test_two_servers_answer_behind_the_proxy_as_one(tmp_path: Path) -> None:
     subprocess.run([RAYLIFT, "calibrate", "--scene", SCENE, "--cache", tmp_path / "cache", "--out",
                     tmp_path / "calibration.json", "--quiet", *FAST], check=True)
     name, port = sorted(QUERIES)[0], free_port()
@@ -88,7 +91,7 @@ def test_two_servers_answer_behind_the_proxy_as_one(tmp_path):
             wait_until(lambda: is_ready(first))
             answers = {}
 
-            def both_have_answered():
+            def both_have_answered() -> bool:
                 first.url = f"http://127.0.0.1:{port}"
                 answers.update(first.answer_8_at_once({name: query_form(name)}))
                 first.url = direct

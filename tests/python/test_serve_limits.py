@@ -8,11 +8,14 @@ import socket
 import struct
 import time
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Iterator
 
 import pytest
 
 import raylift
-from served import FAST, QUERIES, SCENE, Server, form, photograph, query_form
+from served import FAST, QUERIES, SCENE, Answer, Request, Server, form, photograph, query_form
+from synthetic import some
 
 NAMES = sorted(QUERIES)
 TOKEN = {"Authorization": "Bearer secret"}
@@ -20,41 +23,41 @@ HEAD = "POST /v1/localize HTTP/1.1\r\nHost: a\r\nAuthorization: Bearer secret\r\
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("limits")
     (folder / "tokens.txt").write_text("secret\nrare 1\nonce 0.001\n")
     return folder
 
 
 @pytest.fixture(scope="module")
-def server(folder):
+def server(folder: Path) -> Iterator[Server]:
     with Server(*FAST, "--cache", folder / "cache", "--threads", "1", "--max-queue", "1", "--max-body-mb", "1",
                 "--keep", folder / "kept", "--tokens", folder / "tokens.txt", "--cors", "https://a.example") as server:
         yield server
 
 
-def ask(server, name, path="/v1/localize", **headers):
+def ask(server: Server, name: str, path: str = "/v1/localize", **headers: str) -> Answer:
     body, of_form = query_form(name)
     return server.ask(path, body, {**TOKEN, **of_form, **headers})
 
 
-def form_of_token(parts):
+def form_of_token(parts: list[tuple[str, str | None, bytes]]) -> Request:
     body, of_form = form(parts)
     return body, {**TOKEN, **of_form}
 
 
-def is_well(server):
+def is_well(server: Server) -> bool:
     try:
         return server.ask("/healthz")[0] == 200
     except OSError:
         return False
 
 
-def status_of(answer):
+def status_of(answer: bytes) -> int | None:
     return int(answer.split()[1]) if answer else None
 
 
-def test_tokens_say_who_may_ask_and_how_often(server):
+def test_tokens_say_who_may_ask_and_how_often(server: Server) -> None:
     assert server.ask("/healthz")[0] == 200
     assert server.ask("/")[0] == 200  # the page asks for a token itself
     status, headers, _ = server.ask("/v1/scenes")
@@ -66,16 +69,16 @@ def test_tokens_say_who_may_ask_and_how_often(server):
     assert status == 429 and 0 < int(headers["Retry-After"]) <= 60
 
 
-def test_pages_of_the_named_origin_may_ask(server):
-    def allowed(origin, **more):
-        status, headers, _ = server.ask("/v1/localize", headers={"Origin": origin}, **more)
+def test_pages_of_the_named_origin_may_ask(server: Server) -> None:
+    def allowed(origin: str, method: str | None = None) -> tuple[int, str | None]:
+        status, headers, _ = server.ask("/v1/localize", headers={"Origin": origin}, method=method)
         return status, headers["Access-Control-Allow-Origin"]
 
     assert allowed("https://a.example", method="OPTIONS") == (204, "https://a.example")
     assert allowed("https://b.example", method="OPTIONS")[1] is None
 
 
-def test_what_is_asked_for_is_kept_under_names_of_our_own(server, folder):
+def test_what_is_asked_for_is_kept_under_names_of_our_own(server: Server, folder: Path) -> None:
     sent = form_of_token([("image", "../../evil.jpg", photograph(NAMES[0])), ("query", None, b'{"name": "/etc/a"}')])
     status, _, answer = server.ask("/v1/localize", *sent)
     assert status == 200 and json.loads(answer)["name"] == "/etc/a"
@@ -85,7 +88,7 @@ def test_what_is_asked_for_is_kept_under_names_of_our_own(server, folder):
     assert all(file.name[:8].isdigit() for file in kept)
 
 
-def test_a_batch_has_a_line_for_each_photograph(server):
+def test_a_batch_has_a_line_for_each_photograph(server: Server) -> None:
     parts = [("image", name, photograph(name)) for name in NAMES[:2]]
     sent = form_of_token([*parts, ("image", "bad.jpg", b"no photograph")])
     status, headers, answer = server.ask("/v1/localize/batch", *sent)
@@ -96,12 +99,12 @@ def test_a_batch_has_a_line_for_each_photograph(server):
     assert server.ask("/v1/localize/batch", *form_of_token([("query", None, b"{}")]))[0] == 400
 
 
-def test_the_usual_time_is_that_of_what_was_localized(server):
-    def usual():
+def test_the_usual_time_is_that_of_what_was_localized(server: Server) -> None:
+    def usual() -> float:
         metrics = "raylift_threads_busy 1"
         while "raylift_threads_busy 1" in metrics:  # an answer may come before its time is noted
             metrics = server.ask("/metrics", headers=TOKEN)[2].decode()
-        return float(re.search(r"^raylift_photograph_seconds (.*)$", metrics, re.M)[1])
+        return float(some(re.search(r"^raylift_photograph_seconds (.*)$", metrics, re.M))[1])
 
     assert ask(server, NAMES[0])[0] == 200
     before = usual()
@@ -118,7 +121,7 @@ def test_the_usual_time_is_that_of_what_was_localized(server):
     assert usual() != of_matches
 
 
-def test_batches_leave_room_for_others(server):
+def test_batches_leave_room_for_others(server: Server) -> None:
     body, of_form = form([("image", name, photograph(name)) for name in NAMES[:8]])
     batch = http.client.HTTPConnection(*server.address, timeout=600)
     batch.request("POST", "/v1/localize/batch", body, {**TOKEN, **of_form})
@@ -131,28 +134,28 @@ def test_batches_leave_room_for_others(server):
     batch.close()
 
 
-def test_each_photograph_of_a_batch_counts_for_its_token(server):
+def test_each_photograph_of_a_batch_counts_for_its_token(server: Server) -> None:
     body, of_form = form([("image", name, photograph(name)) for name in NAMES[:2]])
     once = {"Authorization": "Bearer once"}
     first, second = map(json.loads, server.ask("/v1/localize/batch", body, {**once, **of_form})[2].splitlines())
     assert first["verdict"] and second["problem"]["status"] == 429
 
 
-def test_photographs_beyond_the_queue_are_refused_and_all_others_answered(server):
+def test_photographs_beyond_the_queue_are_refused_and_all_others_answered(server: Server) -> None:
     with ThreadPoolExecutor(8) as clients:
         answers = list(clients.map(lambda i: ask(server, NAMES[i % len(NAMES)]), range(16)))
     assert {status for status, _, _ in answers} == {200, 429}
     assert all(headers["Retry-After"] == "1" for status, headers, _ in answers if status == 429)
 
 
-def test_a_picture_is_refused_by_its_header(server):
+def test_a_picture_is_refused_by_its_header(server: Server) -> None:
     png = b"\x89PNG\r\n\x1a\n" + struct.pack(">I4sIIBBBBB", 13, b"IHDR", 60000, 60000, 8, 0, 0, 0, 0) + b"\0" * 4
     # As large a file as its pixels would need to be believed.
     status, _, answer = server.ask("/v1/localize", *form_of_token([("image", "a.png", png + b"\0" * 900_000)]))
     assert status in (400, 413) and json.loads(answer)["field"] == "image"
 
 
-def test_requests_that_end_in_two_places_are_refused(server):
+def test_requests_that_end_in_two_places_are_refused(server: Server) -> None:
     both = "Content-Type: application/json\r\nContent-Length: 5\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\nGET / "
     for more in (both, both.replace("chunked", "xchunked"), both.replace("chunked", "identity"),
                  "Transfer-Encoding: chunked, identity\r\n\r\n0\r\n\r\n",
@@ -171,7 +174,7 @@ def test_requests_that_end_in_two_places_are_refused(server):
         assert status_of(server.raw(nothing)) == 400, nothing
 
 
-def test_bodies_are_limited_however_they_come(server):
+def test_bodies_are_limited_however_they_come(server: Server) -> None:
     json_head = HEAD + "Content-Type: application/json\r\n"
     assert status_of(server.raw((json_head + "Content-Length: 2000000\r\n\r\n").encode())) == 413
     chunks = b"10000\r\n" + b"a" * 65536 + b"\r\n"
@@ -180,14 +183,14 @@ def test_bodies_are_limited_however_they_come(server):
     assert status_of(server.raw(b"GET / HTTP/1.1\r\nA: " + b"a" * 100000 + b"\r\n\r\n")) == 431
 
 
-def test_bodies_are_limited_together(folder):
+def test_bodies_are_limited_together(folder: Path) -> None:
     with Server(*FAST, "--cache", folder / "cache", "--max-held-mb", "0.1") as server:
         status, headers, told = server.ask("/v1/localize", b" " * 200_000, {"Content-Type": "application/json"})
         assert status == 503 and headers["Retry-After"] == "1" and b"bodies" in told
         assert ask(server, NAMES[0])[0] == 200
 
 
-def test_pipelined_requests_are_answered_in_their_order(server):
+def test_pipelined_requests_are_answered_in_their_order(server: Server) -> None:
     body, of_form = query_form(NAMES[0])
     one = (HEAD + f"Content-Type: {of_form['Content-Type']}\r\nContent-Length: {len(body)}\r\n\r\n").encode() + body
     last = b"GET /healthz HTTP/1.1\r\nHost: a\r\nConnection: close\r\n\r\n"
@@ -196,7 +199,7 @@ def test_pipelined_requests_are_answered_in_their_order(server):
     assert answer.index(b'"verdict"') < answer.index(b"ok\n") and answer.endswith(b"ok\n")
 
 
-def test_slow_clients_block_nobody_and_are_let_go(folder):
+def test_slow_clients_block_nobody_and_are_let_go(folder: Path) -> None:
     with Server(*FAST, "--cache", folder / "cache", "--header-deadline", "3s", "--body-deadline", "3s") as server:
         slow = [socket.create_connection(server.address, timeout=60) for _ in range(30)]
         for connection in slow[1:]:
@@ -211,7 +214,7 @@ def test_slow_clients_block_nobody_and_are_let_go(folder):
 TIME_TO_ASK = 0.6  # in which a connection does not give way
 
 
-def connection_with_a_body(server):
+def connection_with_a_body(server: Server) -> socket.socket:
     """Still to come."""
     connection = socket.create_connection(server.address, timeout=60)
     connection.sendall((HEAD + "Content-Type: application/json\r\nContent-Length: 50\r\nExpect: 100-continue"
@@ -220,7 +223,7 @@ def connection_with_a_body(server):
     return connection
 
 
-def test_connections_beyond_the_limit_are_sent_away_where_none_is_idle(folder):
+def test_connections_beyond_the_limit_are_sent_away_where_none_is_idle(folder: Path) -> None:
     with Server(*FAST, "--cache", folder / "cache", "--max-connections", "5") as server:
         idle = [socket.create_connection(server.address, timeout=60) for _ in range(8)]
         assert all(connection.recv(1000) == b"" for connection in idle[:3])  # the oldest give way
@@ -235,7 +238,7 @@ def test_connections_beyond_the_limit_are_sent_away_where_none_is_idle(folder):
         assert ask(server, NAMES[0])[0] == 200
 
 
-def test_newcomers_take_no_place_from_those_that_could_not_ask_yet(folder):
+def test_newcomers_take_no_place_from_those_that_could_not_ask_yet(folder: Path) -> None:
     with Server(*FAST, "--cache", folder / "cache", "--max-connections", "5") as server:
         reading = [connection_with_a_body(server) for _ in range(4)]
         first = socket.create_connection(server.address, timeout=60)
@@ -250,7 +253,7 @@ def test_newcomers_take_no_place_from_those_that_could_not_ask_yet(folder):
             connection.close()
 
 
-def test_connections_that_were_answered_keep_nobody_out(folder):
+def test_connections_that_were_answered_keep_nobody_out(folder: Path) -> None:
     with Server(*FAST, "--cache", folder / "cache", "--max-connections", "5") as server:
         answered = [socket.create_connection(server.address, timeout=60) for _ in range(5)]
         for connection in answered:
@@ -261,7 +264,7 @@ def test_connections_that_were_answered_keep_nobody_out(folder):
             connection.close()
 
 
-def test_a_client_asks_from_python(server):
+def test_a_client_asks_from_python(server: Server) -> None:
     client = raylift.Client(server.url, token="secret")
     assert [scene["name"] for scene in client.scenes()] == ["demo"]
     file = SCENE.parent / "images" / NAMES[0]
@@ -278,11 +281,11 @@ def test_a_client_asks_from_python(server):
         raylift.Client("http://127.0.0.1:9").scenes()
 
 
-def test_work_for_a_client_that_has_gone_is_dropped(folder):
+def test_work_for_a_client_that_has_gone_is_dropped(folder: Path) -> None:
     body, of_form = query_form(NAMES[0])
     sent = (HEAD + f"Content-Type: {of_form['Content-Type']}\r\nContent-Length: {len(body)}\r\n\r\n").encode() + body
     with Server(*FAST, "--cache", folder / "cache", "--threads", "1") as server:
-        def gauge(name):
+        def gauge(name: str) -> float:
             metrics = server.ask("/metrics")[2].decode()
             return sum(float(line.rsplit(" ", 1)[1]) for line in metrics.splitlines() if line.startswith(name))
 
@@ -294,13 +297,13 @@ def test_work_for_a_client_that_has_gone_is_dropped(folder):
         assert 1 <= gauge("raylift_verdicts_total") <= 3  # the first may have been begun
 
 
-def test_work_is_given_up_at_the_deadline(folder):
+def test_work_is_given_up_at_the_deadline(folder: Path) -> None:
     with Server(*FAST, "--cache", folder / "cache", deadline="0.001s") as server:
         status, headers, answer = server.ask("/v1/localize", *query_form(NAMES[0]))
         assert status == 503 and headers["Retry-After"] == "1" and "in time" in json.loads(answer)["detail"]
 
 
-def test_sighup_opens_the_scenes_anew(folder):
+def test_sighup_opens_the_scenes_anew(folder: Path) -> None:
     scene = folder / "scene.toml"
     text = SCENE.read_text()
     for path in ("model", "images", "queries.txt", "ground_truth"):

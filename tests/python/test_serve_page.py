@@ -7,13 +7,15 @@ import shutil
 import subprocess
 import threading
 import urllib.request
+from pathlib import Path
+from typing import Iterator
 
 import pytest
 
 from served import QUERIES, Server, photograph
 
-CHROMIUM = shutil.which("chromium")
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
+CHROMIUM = shutil.which("chromium") or ""
+pytestmark = pytest.mark.skipif(not CHROMIUM, reason="chromium is not installed")
 
 # Chooses the photograph as a visitor would; what it then shows is told in the title.
 CHOOSE = """
@@ -40,41 +42,41 @@ CHOOSE = """
 
 class Proxy(http.server.BaseHTTPRequestHandler):
     """Hands requests on, and adds a script to the page."""
-    url = script = None
+    url = script = ""
 
-    def do_GET(self):
+    def do_GET(self) -> None:
         with urllib.request.urlopen(self.url + self.path) as answer:
             body = answer.read()
             if self.path == "/":
                 body = body.replace(b"</body>", self.script.encode() + b"</body>")
             self.answer(answer.status, answer.headers["Content-Type"], body)
 
-    def do_POST(self):
+    def do_POST(self) -> None:
         body = self.rfile.read(int(self.headers["Content-Length"]))
         request = urllib.request.Request(self.url + self.path, data=body,
                                          headers={"Content-Type": self.headers["Content-Type"]})
         with urllib.request.urlopen(request) as answer:
             self.answer(answer.status, answer.headers["Content-Type"], answer.read())
 
-    def answer(self, status, content_type, body):
+    def answer(self, status: int, content_type: str, body: bytes) -> None:
         self.send_response(status)
         self.send_header("Content-Type", content_type)
         self.send_header("Content-Length", str(len(body)))
         self.end_headers()
         self.wfile.write(body)
 
-    def log_message(self, *_):
+    def log_message(self, format: str, *_: object) -> None:
         pass
 
 
-def look(url, width, *options):
+def look(url: str, width: int, *options: str) -> str:
     command = [CHROMIUM, "--headless=new", "--no-sandbox", "--disable-gpu", f"--window-size={width},1000",
                "--virtual-time-budget=60000", *options, url]
-    return subprocess.run(command, capture_output=True, text=True, timeout=600, check=True).stdout
+    return str(subprocess.run(command, capture_output=True, text=True, timeout=600, check=True).stdout)
 
 
 @pytest.fixture(scope="module")
-def page():
+def page() -> Iterator[str]:
     name = sorted(QUERIES)[0]
     Proxy.script = CHOOSE % (base64.b64encode(photograph(name)).decode(), QUERIES[name])
     with Server("--crs", "EPSG:32632@500000,5400000,200") as server, \
@@ -87,7 +89,8 @@ def page():
 
 @pytest.mark.parametrize("width", [390, 1280])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_a_photograph_is_seen_with_the_mesh_from_its_pose(page, tmp_path, width, scheme):
+def test_a_photograph_is_seen_with_the_mesh_from_its_pose(page: str, tmp_path: Path, width: int,
+                                                          scheme: str) -> None:
     dark = ["--blink-settings=preferredColorScheme=0"] if scheme == "dark" else []
     dom = look(page, width, *dark, "--dump-dom")
     assert "photo.jpg: localized" in dom

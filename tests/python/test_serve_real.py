@@ -2,6 +2,8 @@
 
 import subprocess
 import sys
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -11,8 +13,8 @@ sys.path.append(str(DEMO.parents[1] / "tests/bench"))
 import bench_serve  # noqa: E402
 
 
-def test_answers_are_those_of_the_command_line_to_8_clients_at_once(tmp_path):
-    scenes = {name: more for name, *more in bench_serve.scenes(tmp_path)}
+def test_answers_are_those_of_the_command_line_to_8_clients_at_once(tmp_path: Path) -> None:
+    scenes: dict[str, Any] = {name: more for name, *more in bench_serve.scenes(tmp_path)}
     if "rgbd_small" not in scenes:
         pytest.skip("rgbd_small is not in the folder RAYLIFT_TEST_DATA")
     scene, images, cameras = scenes["rgbd_small"]

@@ -3,18 +3,21 @@
 import base64
 import json
 import subprocess
+from pathlib import Path
+from typing import Any, Iterator
 
 import pytest
 
 import raylift
 from served import DEMO, FAST, QUERIES, RAYLIFT, SCENE, Server, form, lines_of
+from synthetic import some
 
 NAMES = sorted(QUERIES)
 BLANK = NAMES[4]  # shows nothing, so that the walk alone tells its pose
 
 
 @pytest.fixture(scope="module")
-def walk(tmp_path_factory):
+def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with photographs of a walk, its odometry and what `localize --online` makes of them."""
     folder = tmp_path_factory.mktemp("walk")
     lines = [line.split() for line in (DEMO / "ground_truth/images.txt").read_text().splitlines()]
@@ -34,23 +37,24 @@ def walk(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def lines(walk):
+def lines(walk: Path) -> dict[str, str]:
     return lines_of(walk / "run")
 
 
-def serve(walk, key="key", scene=SCENE):
+def serve(walk: Path, key: str | None = "key", scene: Path = SCENE) -> Server:
     options = ("--session-key", walk / key) if key else ()
     return Server(*FAST, "--cache", walk / "run/cache", "--scene-calibration", walk / "run/scene_calibration.json",
                   *options, scenes=[scene])
 
 
 @pytest.fixture(scope="module")
-def server(walk):
+def server(walk: Path) -> Iterator[Server]:
     with serve(walk) as server:
         yield server
 
 
-def session_of(walk, lines, name, token=None, **more):
+def session_of(walk: Path, lines: dict[str, str], name: str, token: str | None = None,
+               **more: int | str) -> dict[str, Any]:
     pose = next(line.split()[1:] for line in (walk / "odometry.txt").read_text().splitlines()
                 if line.startswith(name + " "))
     qvec, tvec = [float(x) for x in pose[:4]], [float(x) for x in pose[4:]]
@@ -58,22 +62,24 @@ def session_of(walk, lines, name, token=None, **more):
     return {**session, **({"token": token} if token else {}), **more}
 
 
-def ask(server, walk, name, session, path="/v1/localize"):
+def ask(server: Server, walk: Path, name: str, session: dict[str, Any] | int,
+        path: str = "/v1/localize") -> tuple[int, str]:
     query = {"camera": QUERIES[name], "session": session, **({} if path.endswith("batch") else {"name": name})}
     status, _, body = server.ask(path, *form([("image", name, (walk / "images" / name).read_bytes()),
                                               ("query", None, json.dumps(query).encode())]))
     return status, body.decode()
 
 
-def begin(server, walk, lines):
+def begin(server: Server, walk: Path, lines: dict[str, str]) -> str:
     """The token after the first photograph."""
     status, body = ask(server, walk, NAMES[0], session_of(walk, lines, NAMES[0]))
     assert status == 200, body
-    return json.loads(body)["session"]["token"]
+    return str(json.loads(body)["session"]["token"])
 
 
-def test_a_walk_over_two_servers_is_that_of_the_command_line(walk, lines, server):
-    token = None
+def test_a_walk_over_two_servers_is_that_of_the_command_line(
+        walk: Path, lines: dict[str, str], server: Server) -> None:
+    token, found = None, {}
     with serve(walk) as other:
         for i, name in enumerate(NAMES):
             status, body = ask((server, other)[i % 2], walk, name, session_of(walk, lines, name, token))
@@ -88,10 +94,10 @@ def test_a_walk_over_two_servers_is_that_of_the_command_line(walk, lines, server
     assert found["scale"] == 1
     # The odometry is the truth.
     assert found["world_from_odometry"]["tvec"] == pytest.approx([0, 0, 0], abs=0.1)
-    assert len(token) < 35_000
+    assert len(some(token)) < 35_000
 
 
-def test_a_client_walks_from_python(walk, lines, server):
+def test_a_client_walks_from_python(walk: Path, lines: dict[str, str], server: Server) -> None:
     client, token = raylift.Client(server.url), None
     for name in NAMES[:2]:
         answer = client.localize(walk / "images" / name, name=name, camera=QUERIES[name],
@@ -100,16 +106,17 @@ def test_a_client_walks_from_python(walk, lines, server):
         assert answer == json.loads(lines[name])
 
 
-def problem(answer, status, field):
+def problem(answer: tuple[int, str], status: int, field: str) -> str:
     found, told = answer[0], json.loads(answer[1])
     assert (found, told.get("field")) == (status, field), told
-    return told["detail"]
+    return str(told["detail"])
 
 
-def test_tokens_that_are_no_good_are_refused(walk, lines, server):
+def test_tokens_that_are_no_good_are_refused(walk: Path, lines: dict[str, str],
+                                             server: Server) -> None:
     token = begin(server, walk, lines)
 
-    def go_on(token, server=server, **more):
+    def go_on(token: str, server: Server = server, **more: int | str) -> tuple[int, str]:
         return ask(server, walk, NAMES[1], session_of(walk, lines, NAMES[1], token, **more))
 
     assert go_on(token)[0] == 200
@@ -118,8 +125,8 @@ def test_tokens_that_are_no_good_are_refused(walk, lines, server):
         forged = bytearray(data)
         forged[at] ^= 1
         problem(go_on(base64.b64encode(forged).decode()), 400, "session.token")
-    for forged in ("%%%", "AAAA", token[:-8], token + "AAAA", "A" * 100_000):
-        problem(go_on(forged), 400, "session.token")
+    for wrong in ("%%%", "AAAA", token[:-8], token + "AAAA", "A" * 100_000):
+        problem(go_on(wrong), 400, "session.token")
     assert "time_s" in problem(go_on(token, time_s=-1), 400, "session.time_s")
     problem(go_on(token, scale="unknown"), 400, "session.scale")
     with serve(walk, key=None) as other:  # its key is another
@@ -133,10 +140,11 @@ def test_tokens_that_are_no_good_are_refused(walk, lines, server):
         assert "another scene" in problem(go_on(token, other), 409, "session.token")
 
 
-def test_what_is_wrong_with_a_session_is_named(walk, lines, server):
+def test_what_is_wrong_with_a_session_is_named(walk: Path, lines: dict[str, str],
+                                               server: Server) -> None:
     good = session_of(walk, lines, NAMES[0])
 
-    def refused(session, field):
+    def refused(session: dict[str, Any] | int, field: str) -> None:
         problem(ask(server, walk, NAMES[0], session), 400, field)
 
     refused(3, "query.session")
@@ -152,7 +160,7 @@ def test_what_is_wrong_with_a_session_is_named(walk, lines, server):
     problem(ask(server, walk, NAMES[0], good, "/v1/localize/batch"), 400, "query.session")
 
 
-def test_a_key_has_32_bytes(walk):
+def test_a_key_has_32_bytes(walk: Path) -> None:
     (walk / "short").write_bytes(b"secret")
     done = subprocess.run([RAYLIFT, "serve", SCENE, "--port", "0", "--session-key", walk / "short"],
                           capture_output=True, text=True)

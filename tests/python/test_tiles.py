@@ -4,9 +4,12 @@ import json
 import os
 import struct
 import subprocess
+from pathlib import Path
+from typing import Any, Callable
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import raylift
 from synthetic import rotation
@@ -17,7 +20,7 @@ PLACE = (9.9, 53.55, 52.25)
 MILLIMETER = 1e-3
 
 
-def east_north_up():
+def east_north_up() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The axes and the origin of a local frame, earth-centered."""
     lon, lat = np.radians(PLACE[:2])
     axes = np.array([[-np.sin(lon), -np.sin(lat) * np.cos(lon), np.cos(lat) * np.cos(lon)],
@@ -27,9 +30,9 @@ def east_north_up():
     return axes, np.array(origin)
 
 
-def hills(x, y):
+def hills(left: float, bottom: float) -> tuple[NDArray[Any], NDArray[Any]]:
     """A patch of 40 x 40 m, from a corner."""
-    x, y = np.meshgrid(np.arange(81) * 0.5 + x, np.arange(81) * 0.5 + y)
+    x, y = np.meshgrid(np.arange(81) * 0.5 + left, np.arange(81) * 0.5 + bottom)
     points = np.stack([x, y, 3 * np.sin(x / 5) * np.cos(y / 7)], -1).reshape(-1, 3)
     i = (np.arange(80)[:, None] * 81 + np.arange(80)).reshape(-1)
     return points, np.concatenate([np.stack([i, i + 1, i + 82], -1), np.stack([i, i + 82, i + 81], -1)])
@@ -38,9 +41,10 @@ def hills(x, y):
 PATCHES = [hills(x, y) for x in (-40, 0) for y in (-40, 0)]
 
 
-def write_b3dm(path, points, triangles, center):
+def write_b3dm(path: Path, points: NDArray[np.float64], triangles: NDArray[np.int64],
+               center: NDArray[np.float64]) -> None:
     """`center` as RTC_CENTER; the axes of the points stay, as floats, y up."""
-    local = (points - center)[:, [0, 2, 1]].astype("<f4") * np.float32([1, 1, -1])
+    local = (points - center)[:, [0, 2, 1]].astype("<f4") * np.array([1, 1, -1], np.float32)
     data = local.tobytes() + triangles.astype("<u4").tobytes()
     text = json.dumps({
         "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
@@ -60,7 +64,7 @@ def write_b3dm(path, points, triangles, center):
                      + table.encode() + glb)
 
 
-def write_by_numpy(folder, axes, origin):
+def write_by_numpy(folder: Path, axes: NDArray[np.float64], origin: NDArray[np.float64]) -> None:
     """Tiles in the earth's axes, each around a center of its own."""
     children = []
     for i, (points, triangles) in enumerate(PATCHES):
@@ -73,7 +77,8 @@ def write_by_numpy(folder, axes, origin):
     (folder / "tileset.json").write_text(json.dumps({"asset": {"version": "1.0"}, "geometricError": 99, "root": root}))
 
 
-def write_by_py3dtiles(folder, axes, origin):
+def write_by_py3dtiles(folder: Path, axes: NDArray[np.float64],
+                       origin: NDArray[np.float64]) -> None:
     """Tiles in the root's local frame, moved by transforms."""
     tiles = pytest.importorskip("py3dtiles.tileset")
     content = pytest.importorskip("py3dtiles.tileset.content")
@@ -100,7 +105,7 @@ def write_by_py3dtiles(folder, axes, origin):
 VIEWS = {"a": (2.6, [1, 2, 30]), "b": (np.pi, [3, -4, 45])}
 
 
-def write_model(folder):
+def write_model(folder: Path) -> None:
     folder.mkdir()
     (folder / "cameras.txt").write_text("1 PINHOLE 320 240 250 250 160 120\n")
     (folder / "images.txt").write_text("".join(
@@ -110,7 +115,8 @@ def write_model(folder):
 
 
 @pytest.mark.parametrize("write", [write_by_numpy, write_by_py3dtiles])
-def test_tiles_on_the_earth_show_what_the_local_mesh_shows(tmp_path, write):
+def test_tiles_on_the_earth_show_what_the_local_mesh_shows(tmp_path: Path,
+                                                           write: Callable[..., Any]) -> None:
     axes, origin = east_north_up()
     write(tmp_path, axes, origin)
     root = json.loads((tmp_path / "tileset.json").read_text())["root"]
@@ -132,7 +138,7 @@ def test_tiles_on_the_earth_show_what_the_local_mesh_shows(tmp_path, write):
         assert np.abs(tiles - local)[seen].max() < MILLIMETER
 
 
-def test_a_map_is_asked_for_by_crs(tmp_path):
+def test_a_map_is_asked_for_by_crs(tmp_path: Path) -> None:
     axes, origin = east_north_up()
     write_by_numpy(tmp_path, axes, origin)
     mesh = raylift.Mesh.read(f"mesh:{tmp_path / 'tileset.json'},crs=EPSG:25832@559000/5934000/10")
@@ -150,7 +156,7 @@ def test_a_map_is_asked_for_by_crs(tmp_path):
             raylift.Mesh.read(f"mesh:{tmp_path / 'tileset.json'},{wrong}")
 
 
-def test_a_scene_says_what_its_tiles_are_led_to(tmp_path):
+def test_a_scene_says_what_its_tiles_are_led_to(tmp_path: Path) -> None:
     axes, origin = east_north_up()
     (tmp_path / "town").mkdir()
     write_by_numpy(tmp_path / "town", axes, origin)
@@ -162,13 +168,13 @@ def test_a_scene_says_what_its_tiles_are_led_to(tmp_path):
     scene.write_text('format = "raylift-scene/1"\nreferences = "model"\n'
                      f'crs = "{crs}"\n[[geometry]]\nname = "town"\nspec = "mesh:town"\n')
 
-    def depth(*arguments):
+    def depth(*arguments: Path | str) -> NDArray[np.float32]:
         out = tmp_path / str(len(list(tmp_path.iterdir())))
         subprocess.run([os.environ["RAYLIFT"], "render", *arguments, "--out", out, "--format", "npy", "--quiet"],
                        check=True)
-        return np.load(out / "depth" / "a.npy")
+        return np.asarray(np.load(out / "depth" / "a.npy"))
 
-    model = ["--model", tmp_path / "model"]
+    model: list[Path | str] = ["--model", tmp_path / "model"]
     led = depth(*model, "--geometry", f"{tiles},crs={crs.replace(',', '/')}")
     # North of the map is 0.7 degrees off.
     assert np.abs(led - depth(*model, "--geometry", tiles)).max() > 0.01
@@ -181,7 +187,7 @@ def test_a_scene_says_what_its_tiles_are_led_to(tmp_path):
     assert np.abs(led - ours).max() < MILLIMETER
 
 
-def test_calibrate_leads_tiles_to_the_world(tmp_path):
+def test_calibrate_leads_tiles_to_the_world(tmp_path: Path) -> None:
     write_by_numpy(tmp_path, *east_north_up())
     write_model(tmp_path / "model")
     of_no_code = pyproj.CRS("EPSG:25832").to_wkt()

@@ -1,33 +1,36 @@
 """Walks, one photograph after the other."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scenes import DEMO, MESH, HlocScene
 
 import raylift
+from synthetic import some
 
 
 @pytest.fixture(scope="module")
-def hloc(tmp_path_factory):
+def hloc(tmp_path_factory: pytest.TempPathFactory) -> HlocScene:
     return HlocScene(tmp_path_factory.mktemp("tracking"))
 
 
 @pytest.fixture(scope="module")
-def localizer(hloc):
+def localizer(hloc: HlocScene) -> raylift.Localizer:
     files = {"features": hloc.features, "matches": hloc.matches_file, "pairs": hloc.pairs}
     return raylift.Localizer(raylift.Scene(DEMO / "model", [MESH]), **files)
 
 
 @pytest.fixture(scope="module")
-def odometry(hloc):
+def odometry(hloc: HlocScene) -> dict[str, raylift.Rigid3]:
     """The true motion in a frame of its own, by name."""
     world_from_odometry = raylift.Rigid3([0.5, 0.5, -0.5, 0.5], [3, -2, 1])
     return {name: hloc.truth[name].cam_from_world * world_from_odometry for name, _ in hloc.queries}
 
 
-def test_tracker_is_localize_online(hloc, localizer, odometry, tmp_path):
+def test_tracker_is_localize_online(hloc: HlocScene, localizer: raylift.Localizer,
+                                    odometry: dict[str, raylift.Rigid3], tmp_path: Path) -> None:
     raylift.write_poses(tmp_path / "odometry.txt", odometry)
     out = tmp_path / "out"
     raylift.localize(out, model=DEMO / "model", geometry=MESH, queries=hloc.query_list, features=hloc.features,
@@ -39,30 +42,34 @@ def test_tracker_is_localize_online(hloc, localizer, odometry, tmp_path):
         tracked = tracker.add(alone[name], cam_from_odometry=odometry[name], time=time)
         assert tracked and tracked.role == walked[name]["walk"]["role"]
         pose = tracked.result.cam_from_world
-        assert list(pose.qvec) + list(pose.tvec) == [
+        assert list(some(pose).qvec) + list(some(pose).tvec) == [
             *walked[name]["cam_from_world"]["qvec"], *walked[name]["cam_from_world"]["tvec"]]
-        assert np.abs(pose.center - hloc.truth[name].cam_from_world.center).max() < 0.01
-        assert np.abs((tracked.world_from_odometry.inverse() * pose.inverse()).tvec - odometry[name].center).max() < 1e-9
+        assert np.abs(some(pose).center - hloc.truth[name].cam_from_world.center).max() < 0.01
+        in_odometry = some(tracked.world_from_odometry).inverse() * some(pose).inverse()
+        assert np.abs(in_odometry.tvec - odometry[name].center).max() < 1e-9
         assert tracked.scale == 1 and not tracked.lost_before
 
 
-def test_a_photograph_without_a_pose_gets_the_walks(hloc, localizer, odometry):
+def test_a_photograph_without_a_pose_gets_the_walks(hloc: HlocScene, localizer: raylift.Localizer,
+                                                    odometry: dict[str, raylift.Rigid3]) -> None:
     tracker = raylift.Tracker(localizer, odometry_scale="known")
     names = sorted(odometry)
     alone = localizer.localize_all(hloc.queries)
     for time, name in enumerate(names[:-1]):
         tracker.add(alone[name], cam_from_odometry=odometry[name], time=time)
-    last, camera = names[-1], dict(hloc.queries)[names[-1]]
+    last = names[-1]
+    [camera] = [query.camera for query in hloc.queries if query.name == last]
     nothing = localizer.localize_matches(camera, np.empty((0, 2)), np.empty((0, 2)), [], name=last)
     assert not nothing
     tracked = tracker.add(nothing, cam_from_odometry=odometry[last], time=10)
     assert isinstance(tracked, raylift.TrackedPose)
     assert tracked.role == "rescued" and tracked.single_cam_from_world is None and tracked.single_confidence == 0
-    assert np.abs(tracked.result.cam_from_world.center - hloc.truth[last].cam_from_world.center).max() < 0.05
+    assert np.abs(some(tracked.result.cam_from_world).center - hloc.truth[last].cam_from_world.center).max() < 0.05
     assert "rescued" in repr(tracked)
 
 
-def test_what_is_no_walk_is_refused(hloc, localizer, odometry):
+def test_what_is_no_walk_is_refused(hloc: HlocScene, localizer: raylift.Localizer,
+                                    odometry: dict[str, raylift.Rigid3]) -> None:
     name = hloc.queries[0][0]
     alone = localizer.localize_all(hloc.queries[:1])[name]
     tracker = raylift.Tracker(localizer)
@@ -74,6 +81,6 @@ def test_what_is_no_walk_is_refused(hloc, localizer, odometry):
     with pytest.raises(TypeError, match="belong to a photograph"):
         tracker.add(alone, hloc.queries[0][1], cam_from_odometry=odometry[name], time=2)
     with pytest.raises(raylift.OptionError, match="odometry_scale"):
-        raylift.Tracker(localizer, odometry_scale="guessed")
+        raylift.Tracker(localizer, odometry_scale="guessed")  # type: ignore[arg-type]
     with pytest.raises(raylift.OptionError, match="min_confidence"):
         raylift.Tracker(localizer, min_confidence=2)
