@@ -38,7 +38,7 @@
   namespace raylift::python {                                         \
   class Class : public pybind11::object {                             \
    public:                                                            \
-    PYBIND11_OBJECT(Class, pybind11::object, is_one)                  \
+    PYBIND11_OBJECT_DEFAULT(Class, pybind11::object, is_one)          \
   };                                                                  \
   }                                                                   \
   template <>                                                         \
