@@ -1,9 +1,12 @@
 #include "io/h5py.h"
 #include "support/matchers.h"
 #include "support/test_data.h"
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
 #include "raylift/io/hloc_files.h"
 
 namespace raylift {
@@ -45,6 +48,26 @@ f.create_dataset('db/day/3.jpg/global_descriptor', data=np.array([5, 6], np.floa
             Eigen::MatrixXf(Eigen::Vector2f(3, 4)));
   EXPECT_EQ(file.Read({}).size(), 0);
   EXPECT_THAT(file.ImageNames(), testing::ElementsAre("db/1.jpg", "db/2.jpg", "db/day/3.jpg"));
+}
+
+TEST_F(HlocGlobalFeatures, NoneIsMissingInSilenceWhereTheFileIsDamaged) {
+  std::vector<std::string> names;
+  for (int i = 10; i < 50; ++i) names.push_back(fmt::format("db/{}.jpg", i));
+  WriteGlobalDescriptors(path_, names, Eigen::MatrixXf::Ones(1, 40));
+  const std::string whole = ReadFile(path_);
+  constexpr size_t kHeader = 48, kDamage = 16;
+  size_t num_refused = 0;
+  for (size_t at = kHeader; at + kDamage < whole.size(); at += kDamage) {
+    std::string damaged = whole;
+    for (size_t i = 0; i < kDamage; ++i) damaged[at + i] = static_cast<char>(~damaged[at + i]);
+    WriteFile(path_, damaged);
+    try {
+      EXPECT_EQ(GlobalFeatureFile(path_).ImageNames().size(), names.size()) << at;
+    } catch (const InputError&) {
+      ++num_refused;
+    }
+  }
+  EXPECT_GT(num_refused, 0);
 }
 
 TEST_F(HlocGlobalFeatures, WrongOnesAreNamed) {

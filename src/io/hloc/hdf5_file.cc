@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <exception>
 #include <mutex>
 #include <utility>
 
@@ -70,35 +71,75 @@ class Handle {
   Close close_;
 };
 
+std::string NameOfFileOf(hid_t object) {
+  const ssize_t size = H5Fget_name(object, nullptr, 0);
+  std::string name(static_cast<size_t>(std::max<ssize_t>(size, 0)) + 1, '\0');
+  H5Fget_name(object, name.data(), name.size());
+  name.pop_back();
+  return name;
+}
+
+[[noreturn]] void FailToRead(hid_t object, const std::string& why) {
+  throw InputError(NameOfFileOf(object), fmt::format("cannot be read: {}", why));
+}
+
+// Whether something is there, of HDF5's answer about an object; below 0 it could not be read, which
+// must not pass for what is not there.
+bool IsThere(htri_t answer, hid_t object) {
+  if (answer < 0) FailToRead(object, LastError());
+  return answer > 0;
+}
+
+// Returns nullopt where there is none: the link leads nowhere.
+std::optional<Handle> OpenObject(hid_t group, const std::string& name) {
+  Handle object(H5Oopen(group, name.c_str(), H5P_DEFAULT), H5Oclose);
+  if (object.IsValid()) return object;
+  const std::string why = LastError();
+  if (IsThere(H5Oexists_by_name(group, name.c_str(), H5P_DEFAULT), group)) FailToRead(group, why);
+  return std::nullopt;
+}
+
+bool IsGroup(const std::optional<Handle>& object) {
+  return object && H5Iget_type(object->get()) == H5I_GROUP;
+}
+
 // H5Lexists wants every group on the way to exist.
 bool PathExists(hid_t file, const std::string& path) {
   if (path.empty() || path.find('\0') != std::string::npos) {
     return false;
   }
+  std::string parent = "/";
   for (size_t end = path.find('/', 1);; end = path.find('/', end + 1)) {
     const std::string prefix = path.substr(0, end);
-    if (H5Lexists(file, prefix.c_str(), H5P_DEFAULT) <= 0) {
-      return false;
+    const htri_t answer = H5Lexists(file, prefix.c_str(), H5P_DEFAULT);
+    if (answer < 0) {
+      const std::string why = LastError();
+      if (IsGroup(OpenObject(file, parent))) FailToRead(file, why);
     }
+    if (answer <= 0) return false;
     if (end == std::string::npos) {
-      return H5Oexists_by_name(file, path.c_str(), H5P_DEFAULT) > 0;
+      return IsThere(H5Oexists_by_name(file, path.c_str(), H5P_DEFAULT), file);
     }
+    parent = prefix;
   }
 }
 
+// In no order: for a sorted table of them HDF5 1.10 frees what it never made where reading fails.
 std::vector<std::string> LinkNames(hid_t group) {
   std::vector<std::string> names;
   const auto append = [](hid_t, const char* name, const H5L_info_t*, void* out) -> herr_t {
     static_cast<std::vector<std::string>*>(out)->emplace_back(name);
     return 0;
   };
-  H5Literate(group, H5_INDEX_NAME, H5_ITER_INC, nullptr, append, &names);
+  if (H5Literate(group, H5_INDEX_NAME, H5_ITER_NATIVE, nullptr, append, &names) < 0) {
+    FailToRead(group, LastError());
+  }
   return names;
 }
 
 void CollectGroupsWith(hid_t group, const std::string& path, const std::string& member, int depth,
                        std::vector<std::string>* paths) {
-  if (H5Lexists(group, member.c_str(), H5P_DEFAULT) > 0) {
+  if (IsThere(H5Lexists(group, member.c_str(), H5P_DEFAULT), group)) {
     paths->push_back(path);
     return;
   }
@@ -106,9 +147,9 @@ void CollectGroupsWith(hid_t group, const std::string& path, const std::string& 
     return;
   }
   for (const std::string& name : LinkNames(group)) {
-    const Handle object(H5Oopen(group, name.c_str(), H5P_DEFAULT), H5Oclose);
-    if (object.IsValid() && H5Iget_type(object.get()) == H5I_GROUP) {
-      CollectGroupsWith(object.get(), path.empty() ? name : fmt::format("{}/{}", path, name),
+    const std::optional<Handle> object = OpenObject(group, name);
+    if (IsGroup(object)) {
+      CollectGroupsWith(object->get(), path.empty() ? name : fmt::format("{}/{}", path, name),
                         member, depth + 1, paths);
     }
   }
@@ -235,13 +276,6 @@ std::optional<std::string> WriteDataset(hid_t file, const std::string& name,
   return std::nullopt;
 }
 
-std::string NameOfFileOf(hid_t object) {
-  const ssize_t size = H5Fget_name(object, nullptr, 0);
-  std::string name(static_cast<size_t>(std::max<ssize_t>(size, 0)) + 1, '\0');
-  H5Fget_name(object, name.data(), name.size());
-  return name;
-}
-
 // Returns whether an external link leads to it.
 bool IsOfOtherFile(hid_t file, hid_t object) { return NameOfFileOf(file) != NameOfFileOf(object); }
 
@@ -255,9 +289,32 @@ bool LiesInOtherFiles(hid_t file, hid_t dataset) {
 
 }  // namespace
 
+// Of one call of the library's for a reader. After a call that failed HDF5 may hold half of what it
+// read for the whole of it, and fails for ever: the file is opened again for the next one.
+class Hdf5Reader::Access {
+ public:
+  explicit Access(const Hdf5Reader& reader) : reader_(reader) {
+    if (reader_.file_ < 0) reader_.Open();
+  }
+  ~Access() {
+    if (std::uncaught_exceptions() > num_exceptions_) H5Fclose(std::exchange(reader_.file_, -1));
+  }
+  Access(const Access&) = delete;
+  Access& operator=(const Access&) = delete;
+
+ private:
+  Lock lock_;
+  const Hdf5Reader& reader_;
+  int num_exceptions_ = std::uncaught_exceptions();
+};
+
 Hdf5Reader::Hdf5Reader(std::filesystem::path path) : path_(std::move(path)) {
-  RequireRegularFile(path_);
   const Lock lock;
+  Open();
+}
+
+void Hdf5Reader::Open() const {
+  RequireRegularFile(path_);
   if (H5Fis_hdf5(path_.c_str()) == 0) {
     throw InputError(path_, "expected an HDF5 file, found something else");
   }
@@ -272,18 +329,18 @@ Hdf5Reader::Hdf5Reader(std::filesystem::path path) : path_(std::move(path)) {
 
 Hdf5Reader::~Hdf5Reader() {
   const Lock lock;
-  H5Fclose(file_);
+  if (file_ >= 0) H5Fclose(file_);
 }
 
 bool Hdf5Reader::Has(const std::string& object) const {
-  const Lock lock;
+  const Access access(*this);
   return PathExists(file_, object);
 }
 
 std::vector<std::string> Hdf5Reader::GroupsWith(const std::string& member) const {
   std::vector<std::string> paths;
   {
-    const Lock lock;
+    const Access access(*this);
     const Handle root(H5Gopen2(file_, "/", H5P_DEFAULT), H5Gclose);
     if (!root.IsValid()) {
       Fail("/", LastError());
@@ -299,7 +356,7 @@ Hdf5Array<T> Hdf5Reader::Read(const std::string& name) const {
   Hdf5Array<T> array;
   std::string halves;
   {
-    const Lock lock;
+    const Access access(*this);
     if (!PathExists(file_, name)) {
       Fail(name, "is not in the file");
     }
@@ -348,12 +405,12 @@ template Hdf5Array<int64_t> Hdf5Reader::Read<int64_t>(const std::string&) const;
 
 std::optional<std::vector<double>> Hdf5Reader::ReadAttribute(const std::string& object,
                                                              const std::string& name) const {
-  const Lock lock;
+  const Access access(*this);
   if (!PathExists(file_, object)) return std::nullopt;
-  const Handle owner(H5Oopen(file_, object.c_str(), H5P_DEFAULT), H5Oclose);
-  if (H5Aexists(owner.get(), name.c_str()) <= 0) return std::nullopt;
-  if (IsOfOtherFile(file_, owner.get())) RefuseOtherFiles(object);
-  const Handle attribute(H5Aopen(owner.get(), name.c_str(), H5P_DEFAULT), H5Aclose);
+  const std::optional<Handle> owner = OpenObject(file_, object);
+  if (!owner || !IsThere(H5Aexists(owner->get(), name.c_str()), file_)) return std::nullopt;
+  if (IsOfOtherFile(file_, owner->get())) RefuseOtherFiles(object);
+  const Handle attribute(H5Aopen(owner->get(), name.c_str(), H5P_DEFAULT), H5Aclose);
   const Handle type(H5Aget_type(attribute.get()), H5Tclose);
   const Handle space(H5Aget_space(attribute.get()), H5Sclose);
   constexpr hssize_t kMaxNumbers = 1024;  // attributes are small

@@ -58,11 +58,14 @@ class Hdf5Reader {
   [[noreturn]] void Fail(const std::string& object, std::string_view message) const;
 
  private:
+  class Access;
+
+  void Open() const;
   // Throws InputError, unless the environment allows what lies in other files.
   void RefuseOtherFiles(const std::string& object) const;
 
   std::filesystem::path path_;
-  int64_t file_ = -1;  // an hid_t
+  mutable int64_t file_ = -1;  // an hid_t; below 0 after a failure, until it is opened again
 };
 
 // Makes a file that appears under its name when it is complete. Groups on the way are made.
