@@ -13,4 +13,16 @@ class LostFile : public InputError {
   using InputError::InputError;
 };
 
+// Returns what `read` does, by which files of an open scene are read.
+template <typename Read>
+auto ReadOpened(const Read& read) {
+  try {
+    return read();
+  } catch (const OutputError&) {
+    throw;
+  } catch (const InputError& error) {
+    throw LostFile(error.what());
+  }
+}
+
 }  // namespace raylift

@@ -129,15 +129,6 @@ auto AsProblems(const ServerOptions& options, const Function& work) {
   }
 }
 
-// Reads what the scene keeps on disk, as depth maps.
-void LiftByFilesOf(const Localizer& localizer, QueryResult& result) {
-  try {
-    localizer.Lift(result);
-  } catch (const InputError& error) {
-    throw LostFile(error.what());
-  }
-}
-
 // The scene that a request names.
 std::optional<std::string> SceneNameOf(const HttpRequest& request) {
   std::optional<std::string> wanted;
@@ -346,7 +337,7 @@ LocalizedQuery Service::Run(const Opened& opened, LocalizeRequest request, const
       [&](auto& evidence) { return localizer.Match(request.query, std::move(evidence)); },
       request.evidence);
   watch.Check();
-  LiftByFilesOf(localizer, result);
+  ReadOpened([&] { localizer.Lift(result); });
   watch.Check();
   localizer.Filter(result);
   watch.Check();

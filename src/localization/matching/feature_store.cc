@@ -67,13 +67,7 @@ std::shared_ptr<const ImageFeatures> FeatureStore::Get(const std::string& image)
     }
   }
   // Two threads that want the same image may both read it.
-  const auto features = [&] {
-    try {
-      return Indexed(entry.file->Read(image));
-    } catch (const InputError& error) {
-      throw LostFile(error.what());
-    }
-  }();
+  const auto features = ReadOpened([&] { return Indexed(entry.file->Read(image)); });
   const std::scoped_lock lock(mutex_);
   if (entry.held == nullptr) Keep(&entry, features);
   return entry.held;

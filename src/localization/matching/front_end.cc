@@ -8,6 +8,7 @@
 #include <string>
 #include <utility>
 
+#include "base/lost_file.h"
 #include "localization/matching/feature_store.h"
 #include "localization/matching/file_matches.h"
 #include "localization/matching/pixel_matches.h"
@@ -213,8 +214,10 @@ class FrontEndMatches final : public MatchSource {
   const std::shared_ptr<const VladIndex>& Index() const {
     std::call_once(index_is_made_, [this] {
       std::vector<std::string> names = NamesOf(references_);
-      VladVectors vectors = ComputeOrReadVladVectors(names, *features_, options_.cache,
-                                                     options_.seed, options_.threads);
+      VladVectors vectors = ReadOpened([&] {
+        return ComputeOrReadVladVectors(names, *features_, options_.cache, options_.seed,
+                                        options_.threads);
+      });
       index_ = std::make_shared<const VladIndex>(std::move(names), std::move(vectors));
     });
     return index_;
@@ -222,8 +225,10 @@ class FrontEndMatches final : public MatchSource {
 
   void CheckSizeOfReference(int index) const {
     const PosedImage& image = references_[static_cast<size_t>(index)];
-    RequireSizeOf(image.camera, image.name, features_->SizeOf(image.name),
-                  options_.reference_images / image.name);
+    ReadOpened([&] {
+      RequireSizeOf(image.camera, image.name, features_->SizeOf(image.name),
+                    options_.reference_images / image.name);
+    });
   }
 
   void Retrieve(const std::vector<Query>& queries) {
