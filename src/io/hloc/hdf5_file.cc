@@ -10,6 +10,7 @@
 #include "base/read_limits.h"
 #include <Eigen/Core>
 #include <hdf5.h>
+#include <sys/stat.h>
 
 #include "raylift/base/error.h"
 
@@ -83,8 +84,8 @@ std::string NameOfFileOf(hid_t object) {
   throw InputError(NameOfFileOf(object), fmt::format("cannot be read: {}", why));
 }
 
-// Whether something is there, of HDF5's answer about an object; below 0 it could not be read, which
-// must not pass for what is not there.
+// Returns whether something is there by HDF5's answer about an object, which is below 0 where that
+// could not be read: this must not pass for what is not there.
 bool IsThere(htri_t answer, hid_t object) {
   if (answer < 0) FailToRead(object, LastError());
   return answer > 0;
@@ -289,7 +290,7 @@ bool LiesInOtherFiles(hid_t file, hid_t dataset) {
 
 }  // namespace
 
-// Of one call of the library's for a reader. After a call that failed HDF5 may hold half of what it
+// Locks the library for one call of a reader. After a call that failed HDF5 may hold half of what it
 // read for the whole of it, and fails for ever: the file is opened again for the next one.
 class Hdf5Reader::Access {
  public:
@@ -315,6 +316,12 @@ Hdf5Reader::Hdf5Reader(std::filesystem::path path) : path_(std::move(path)) {
 
 void Hdf5Reader::Open() const {
   RequireRegularFile(path_);
+  struct stat of_file {};
+  const bool is_there = ::stat(path_.c_str(), &of_file) == 0;
+  if (inode_ == 0 && is_there) inode_ = of_file.st_ino;
+  if (!is_there || of_file.st_ino != inode_) {
+    throw InputError(path_, "has been replaced since it was opened");
+  }
   if (H5Fis_hdf5(path_.c_str()) == 0) {
     throw InputError(path_, "expected an HDF5 file, found something else");
   }
@@ -367,6 +374,7 @@ Hdf5Array<T> Hdf5Reader::Read(const std::string& name) const {
     if (LiesInOtherFiles(file_, dataset.get())) RefuseOtherFiles(name);
     const Handle type(H5Dget_type(dataset.get()), H5Tclose);
     const Handle space(H5Dget_space(dataset.get()), H5Sclose);
+    if (!space.IsValid()) Fail(name, LastError());
     const auto kind = KindOf(type.get());
     if (!kind || H5Sget_simple_extent_type(space.get()) == H5S_NULL) {
       Fail(name, "expected numbers, found another type");

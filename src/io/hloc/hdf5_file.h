@@ -65,7 +65,8 @@ class Hdf5Reader {
   void RefuseOtherFiles(const std::string& object) const;
 
   std::filesystem::path path_;
-  mutable int64_t file_ = -1;  // an hid_t; below 0 after a failure, until it is opened again
+  mutable int64_t file_ = -1;   // an hid_t; below 0 after a failure, until it is opened again
+  mutable uint64_t inode_ = 0;  // of the file that was opened first
 };
 
 // Makes a file that appears under its name when it is complete. Groups on the way are made.
