@@ -46,8 +46,12 @@ macro(raylift_find package)
   elseif("${package}" STREQUAL "WebP")
     raylift_find_library(WebP webp/decode.h webp)
   elseif("${package}" STREQUAL "PROJ")
-    # Ubuntu 22.04 leaves its CMake files out.
-    raylift_find_library(PROJ proj.h proj)
+    find_package(PROJ QUIET CONFIG)
+    if(TARGET PROJ::proj)
+      raylift_package(PROJ "" PROJ::proj)
+    else()  # Ubuntu 22.04 leaves its CMake files out
+      raylift_find_library(PROJ proj.h proj)
+    endif()
   elseif("${package}" STREQUAL "OpenVDB")
     # Its headers include Boost's, on which its package does not depend.
     raylift_find_library(OpenVDB openvdb/openvdb.h openvdb)

@@ -165,8 +165,10 @@ TEST(TomlFile, ErrorsOfExpandedTextsAreToldWithTheirPlace) {
 }
 
 TEST(TomlFile, StringsAreQuotedSoThatTheyReadBack) {
-  for (const std::string text : {"", "plain", "it's \"quoted\"", "back\\slash", "two\nlines"}) {
+  for (const std::string text : {"", "plain", "it's \"quoted\"", "back\\slash", "two\nlines",
+                                 "tab\t", "\x01\x7f", "größer 部屋", "it's\\"}) {
     EXPECT_EQ(ReadText("a = " + TomlString(text)).Text("a"), text);
+    EXPECT_EQ(ReadText(TomlString(text) + " = 1").Integer(text), 1);
   }
 }
 

@@ -27,8 +27,8 @@ struct TomlNode {
   }
 };
 
-// Returns the table of the whole text. Throws InputError, which names the file and the line, where the
-// text is no TOML.
+// Returns the table of the whole text. Throws InputError, which names the file and the line, where it
+// is no TOML.
 TomlNode ParseToml(const std::string& text, const std::filesystem::path& file);
 
 }  // namespace raylift

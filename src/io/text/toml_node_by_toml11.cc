@@ -1,5 +1,7 @@
-// What stands for toml_node.cc where there is no toml++ (Ubuntu 22.04).
+// Stands for toml_node.cc where there is no toml++ (Ubuntu 22.04).
 
+#include <algorithm>
+#include <new>
 #include <sstream>
 #include <string_view>
 
@@ -38,7 +40,7 @@ void CheckDepth(const std::string& text, const std::filesystem::path& file) {
   int depth = 0;
   for (const char letter : text) {
     if (letter == '[' || letter == '{') ++depth;
-    if (letter == ']' || letter == '}') --depth;
+    if (letter == ']' || letter == '}') depth = std::max(0, depth - 1);
     if (depth > kDeepest) throw InputError(file, "its brackets are nested too deeply");
   }
 }
@@ -47,7 +49,8 @@ void CheckDepth(const std::string& text, const std::filesystem::path& file) {
 std::string_view FirstLine(std::string_view said) {
   said = said.substr(0, said.find('\n'));
   const size_t prefix = said.rfind(": ");
-  return prefix == said.npos ? said : said.substr(prefix + 2);
+  const std::string_view message = prefix == said.npos ? said : said.substr(prefix + 2);
+  return message.empty() ? "expected TOML, found something else" : message;
 }
 
 }  // namespace
@@ -61,6 +64,8 @@ TomlNode ParseToml(const std::string& text, const std::filesystem::path& file) {
   } catch (const toml::exception& error) {
     throw InputError(file, fmt::format("line {}", error.location().line()),
                      FirstLine(error.what()));
+  } catch (const std::bad_alloc&) {
+    throw;
   } catch (const std::exception& error) {
     throw InputError(file, fmt::format("expected TOML, found: {}", FirstLine(error.what())));
   }
