@@ -269,17 +269,18 @@ std::string WhyTheMeshIsUnseen(const RayCaster& scene,
 
 std::optional<std::string> AskForUnit(const std::vector<Eigen::Vector3d>& camera_centers,
                                       std::vector<double> farthest) {
+  constexpr size_t kFewest = 10;  // fewer may be a rig
   constexpr double kLargestRatio = 100;
   constexpr double kOneSpot = 1e-5;  // of the depth: a camera that turns tells nothing
   Box box;
   for (const Eigen::Vector3d& center : camera_centers) box.extend(center);
   const double spread = box.isEmpty() ? 0 : box.diagonal().norm();
-  if (farthest.empty()) return std::nullopt;
-  const double depth = MidpointMedianInPlace(std::span(farthest));
+  if (farthest.size() < kFewest) return std::nullopt;
+  const double depth = QuantileInPlace(std::span(farthest), 0.75);
   if (depth <= kLargestRatio * spread || spread <= kOneSpot * depth) return std::nullopt;
   return fmt::format(
-      "images show surfaces {:.3g} units away, and their cameras stand within {:.3g}: is the scene "
-      "in another unit than these (scale=0.001)?",
+      "images show surfaces {:.3g} units away, and their cameras stand within {:.3g}: unless that "
+      "is far terrain or a sky, is the scene in another unit than the cameras (scale=0.001)?",
       depth, spread);
 }
 

@@ -93,8 +93,9 @@ Image MakeContactSheet(const std::shared_ptr<const RayCaster>& scene,
 std::string WhyTheMeshIsUnseen(const RayCaster& scene,
                                const std::vector<Eigen::Vector3d>& camera_centers);
 
-// Asks whether both are in one unit where the cameras stand within a hundredth of what they see:
-// no reconstruction has such rays. `farthest` is the largest depth of each camera that sees some.
+// Returns a question for the unit where ten cameras or more stand within a hundredth of how far a
+// quarter of them sees. `farthest` is the largest depth of each camera that sees some. nullopt where
+// there is nothing to ask.
 std::optional<std::string> AskForUnit(const std::vector<Eigen::Vector3d>& camera_centers,
                                       std::vector<double> farthest);
 

@@ -9,6 +9,7 @@
 #include "support/test_data.h"
 #include <Eigen/Geometry>
 #include <fmt/format.h>
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
@@ -210,13 +211,21 @@ TEST_F(RenderJob, CamerasThatAllMissTheMeshAreToldOf) {
 TEST_F(RenderJob, AsksForTheUnitOfAMeshThatIsVeryLargeAroundTheCameras) {
   const auto large = std::make_shared<const RayCaster>(
       std::make_shared<const TriangleMesh>(MakeSphere({0, 0, 0}, 5000, 10, 20)));
-  std::vector<RenderTask> tasks = Tasks();
-  for (size_t i = 0; i < tasks.size(); ++i) {
-    tasks[i].view.cam_from_world.translation.x() += 0.1 * static_cast<double>(i);
+  std::vector<RenderTask> tasks;
+  for (int i = 0; i < 10; ++i) {
+    tasks.push_back(Tasks().front());
+    tasks.back().view.name = fmt::format("{}.png", i);
+    tasks.back().stem = std::to_string(i);
+    tasks.back().view.cam_from_world.translation.x() = 0.1 * i;
   }
-  const RenderSummary summary = RunRenderJob(large, tasks, Options(out_), {});
-  ASSERT_EQ(summary.warnings.size(), 1u);
-  EXPECT_NE(summary.warnings[0].find("in another unit"), std::string::npos) << summary.warnings[0];
+  const auto warnings = [&](std::shared_ptr<const RayCaster> scene) {
+    RenderJobOptions options = Options(out_);
+    options.overwrite = true;
+    return RunRenderJob(std::move(scene), tasks, options, {}).warnings;
+  };
+  EXPECT_THAT(warnings(large), testing::ElementsAre(testing::HasSubstr("in another unit")));
+  tasks.resize(9);
+  EXPECT_THAT(warnings(large), testing::IsEmpty());
 }
 
 TEST_F(RenderJob, AReadmeOfSomebodyElseStays) {
