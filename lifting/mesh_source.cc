@@ -207,6 +207,7 @@ uint32_t CellAlong(double cells) {
 // the same parts of a mesh, which are still in the cache, and can be cast in blocks.
 std::vector<uint32_t> OrderAlongCurve(const Camera& camera,
                                       std::span<const Eigen::Vector2d> pixels) {
+  if (pixels.size() == 1) return {0};
   const Eigen::Vector2d cells_per_px(kSide / static_cast<double>(camera.width_px()),
                                      kSide / static_cast<double>(camera.height_px()));
   std::vector<uint32_t> cell_of_pixel;

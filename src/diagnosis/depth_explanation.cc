@@ -288,9 +288,13 @@ void AddExplanation(const DepthExplanation& explanation, std::vector<Finding>& f
                                   kAdditiveNoise, kMultiplicativeNoise, kEdges, kFloaters,
                                   kBubbles,       kQuantization};
   const bool is_told = explanation.cause && *explanation.cause != kScale;
+  // The size of a scale is told by its own finding.
+  const bool may_be_scale = Contains(explanation.alike, kScale);
   if (is_told || !explanation.alike.empty()) {
-    std::erase_if(findings,
-                  [&](const Finding& finding) { return Contains(kTraces, finding.fault); });
+    std::erase_if(findings, [&](const Finding& finding) {
+      const bool is_scale = finding.fault == kScale || finding.fault == kPerImageScale;
+      return Contains(kTraces, finding.fault) && !(may_be_scale && is_scale);
+    });
   }
   if (is_told) {
     findings.insert(findings.begin(), {*explanation.cause, explanation.size.front(),
