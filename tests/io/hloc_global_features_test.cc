@@ -9,6 +9,11 @@
 #include "raylift/base/file.h"
 #include "raylift/io/hloc_files.h"
 
+// HDF5 loses some memory where it meets damage.
+extern "C" __attribute__((visibility("default"))) const char* __lsan_default_suppressions() {
+  return "leak:libhdf5\n";
+}
+
 namespace raylift {
 namespace {
 
