@@ -342,7 +342,8 @@ TEST_F(Render, WorksWithoutDisplayAndWithAHomeThatIsReadOnly) {
 }
 
 TEST_F(Render, ASignalFinishesTheImageInHandAndResumeGoesOn) {
-  const fs::path cameras = WriteCameras(60, "320 240");
+  constexpr size_t kNumImages = 300;  // still at work where this test must wait for a processor
+  const fs::path cameras = WriteCameras(kNumImages, "320 240");
   ASSERT_TRUE(Succeeds(
       RunRaylift(ManyImages(cameras, scene_.folder / "whole") + Arguments{"--threads", "1"})));
   for (const int signal : {SIGINT, SIGTERM}) {
@@ -353,7 +354,7 @@ TEST_F(Render, ASignalFinishesTheImageInHandAndResumeGoesOn) {
     EXPECT_EQ(WaitFor(process), 4);
     const size_t done = ReadManifest(out_ / "manifest.jsonl").size();
     EXPECT_GT(done, 2u);
-    EXPECT_LT(done, 60u);
+    EXPECT_LT(done, kNumImages);
     // All that is there is listed.
     EXPECT_EQ(FilesBelow(out_).size(), 3 * done + 1);
     ASSERT_TRUE(Succeeds(RunRaylift(ManyImages(cameras, out_) + Arguments{"--resume"})));
