@@ -361,7 +361,8 @@ std::vector<ExplainedView> ViewsToExplain(const GeometrySource& source, const Ge
       const auto other = static_cast<std::ptrdiff_t>(place) + offset;
       if (other < 0 || other >= static_cast<std::ptrdiff_t>(images.size())) continue;
       const PosedImage& frame = images[by_name[static_cast<size_t>(other)]];
-      view.frames_from_cam[static_cast<size_t>(offset + kMaxFrames)] =
+      const int frame_place = offset + kMaxFrames;
+      view.frames_from_cam[static_cast<size_t>(frame_place)] =
           frame.cam_from_world * image.cam_from_world.Inverse();
     }
   });

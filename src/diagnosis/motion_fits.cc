@@ -213,7 +213,7 @@ class MotionFitter {
     return is_seen_from_anywhere_ ? model.by_truth : model.by_map;
   }
 
-  MotionModel PixelMotion(std::function<Vector2d(const CauseSample&)> motion) const {
+  MotionModel PixelMotion(const std::function<Vector2d(const CauseSample&)>& motion) const {
     return {[this, motion](const CauseSample& sample) {
               return LogRatio(sample.estimated, DepthAt(views_[sample.view].truth, motion(sample)));
             },
@@ -226,7 +226,8 @@ class MotionFitter {
   double FocalFactor(double corner_px) const { return 1 + corner_px / HalfDiagonalPx(); }
 
   // The estimated points, moved to where the image's camera stands, against what it sees there.
-  MotionModel RigidMotion(std::function<std::optional<Rigid3>(size_t)> cam_from_map_camera) const {
+  MotionModel RigidMotion(
+      const std::function<std::optional<Rigid3>(size_t)>& cam_from_map_camera) const {
     std::vector<std::optional<Rigid3>> motions;
     for (size_t i = 0; i < views_.size(); ++i) motions.push_back(cam_from_map_camera(i));
     return {[this, motions](const CauseSample& sample) -> std::optional<double> {
@@ -250,8 +251,9 @@ class MotionFitter {
     if (std::abs(frames) > kMaxFrames) return std::nullopt;
     const auto below = std::min(static_cast<int>(std::floor(frames)), kMaxFrames - 1);
     const auto& poses = views_[view].frames_from_cam;
-    const auto& a = poses[static_cast<size_t>(below + kMaxFrames)];
-    const auto& b = poses[static_cast<size_t>(below + 1 + kMaxFrames)];
+    const int place = below + kMaxFrames;
+    const auto& a = poses[static_cast<size_t>(place)];
+    const auto& b = poses[static_cast<size_t>(place) + 1];
     const double t = frames - below;
     if (t == 0) return a ? std::optional(a->Inverse()) : std::nullopt;
     if (!a || !b) return std::nullopt;

@@ -98,8 +98,8 @@ std::string UtcText(std::chrono::system_clock::time_point time) {
 using Box = Eigen::AlignedBox3d;
 
 std::string Text(const Box& box) {
-  const Eigen::Vector3d low = box.min();
-  const Eigen::Vector3d high = box.max();
+  const Eigen::Vector3d& low = box.min();
+  const Eigen::Vector3d& high = box.max();
   return fmt::format("({:.4g}, {:.4g}, {:.4g}) to ({:.4g}, {:.4g}, {:.4g})", low.x(), low.y(),
                      low.z(), high.x(), high.y(), high.z());
 }
