@@ -380,6 +380,13 @@ TEST(DepthExplanation, ReplacesTheTracesOfACause) {
   EXPECT_EQ(findings[0].text, "not explained: shift or rotation would do alike");
   EXPECT_EQ(findings[1].fault, DepthFault::kHoles);
 
+  // How large a scale is, its own finding alone tells.
+  findings = {{DepthFault::kScale, 1.04, 3, "scale"}, {DepthFault::kWarp, 0.1, 8, "warp"}};
+  explanation.alike = {DepthFault::kScale, DepthFault::kZoom};
+  AddExplanation(explanation, findings);
+  ASSERT_EQ(findings.size(), 2u);
+  EXPECT_EQ(findings[1].fault, DepthFault::kScale);
+
   std::vector<Finding> none;
   DepthExplanation unknown;
   unknown.is_beyond_noise = true;

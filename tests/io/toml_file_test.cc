@@ -164,6 +164,13 @@ TEST(TomlFile, ErrorsOfExpandedTextsAreToldWithTheirPlace) {
   EXPECT_TRUE(FailsWithInputError([&] { table.Values("b"); }, {"line 2: b: bad is bad"}));
 }
 
+TEST(TomlFile, KeysOfTooManyPartsAreAnError) {
+  std::string key = "a";
+  for (int i = 0; i < 60000; ++i) key += ".a";
+  EXPECT_TRUE(FailsWithInputError([&] { ReadText("\n" + key + " = 1\n"); },
+                                  {"line 2: is nested too deeply"}));
+}
+
 TEST(TomlFile, StringsAreQuotedSoThatTheyReadBack) {
   for (const std::string text : {"", "plain", "it's \"quoted\"", "back\\slash", "two\nlines",
                                  "tab\t", "\x01\x7f", "größer 部屋", "it's\\"}) {

@@ -26,7 +26,14 @@ struct BrokenTomlPremise {};
 namespace raylift {
 namespace {
 
-TomlNode NodeOf(const toml::node& parsed) {
+std::string LineOf(const toml::source_region& source) {
+  return fmt::format("line {}", source.begin.line);
+}
+
+TomlNode NodeOf(const toml::node& parsed, const std::filesystem::path& file, int depth) {
+  if (depth > kDeepestToml) {
+    throw InputError(file, LineOf(parsed.source()), "is nested too deeply");
+  }
   TomlNode node;
   node.line = static_cast<int>(parsed.source().begin.line);
   if (const auto* text = parsed.as_string()) node.value = text->get();
@@ -35,11 +42,12 @@ TomlNode NodeOf(const toml::node& parsed) {
   if (const auto* boolean = parsed.as_boolean()) node.value = boolean->get();
   if (const auto* array = parsed.as_array()) {
     auto& elements = node.value.emplace<TomlNode::Array>();
-    for (const toml::node& element : *array) elements.push_back(NodeOf(element));
+    for (const toml::node& element : *array) elements.push_back(NodeOf(element, file, depth + 1));
   }
   if (const auto* table = parsed.as_table()) {
     auto& entries = node.value.emplace<TomlNode::Table>();
-    for (const auto& [key, entry] : *table) entries.emplace(key.str(), NodeOf(entry));
+    for (const auto& [key, entry] : *table)
+      entries.emplace(key.str(), NodeOf(entry, file, depth + 1));
   }
   return node;
 }
@@ -48,9 +56,9 @@ TomlNode NodeOf(const toml::node& parsed) {
 
 TomlNode ParseToml(const std::string& text, const std::filesystem::path& file) {
   try {
-    return NodeOf(toml::parse(text, file.string()));
+    return NodeOf(toml::parse(text, file.string()), file, 0);
   } catch (const toml::parse_error& error) {
-    throw InputError(file, fmt::format("line {}", error.source().begin.line), error.description());
+    throw InputError(file, LineOf(error.source()), error.description());
   } catch (const BrokenTomlPremise&) {
     throw InputError(file, "expected TOML, found a text that cannot be parsed");
   }

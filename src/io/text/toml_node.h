@@ -12,6 +12,9 @@
 
 namespace raylift {
 
+// So many tables and lists are within each other at most: more would exhaust the stack.
+inline constexpr int kDeepestToml = 256;
+
 struct TomlNode {
   using Array = std::vector<TomlNode>;
   using Table = std::map<std::string, TomlNode, std::less<>>;
@@ -28,7 +31,7 @@ struct TomlNode {
 };
 
 // Returns the table of the whole text. Throws InputError, which names the file and the line, where it
-// is no TOML.
+// is no TOML or nested too deeply.
 TomlNode ParseToml(const std::string& text, const std::filesystem::path& file);
 
 }  // namespace raylift

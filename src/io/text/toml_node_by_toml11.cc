@@ -16,32 +16,36 @@ namespace {
 
 using Parsed = toml::basic_value<toml::discard_comments, std::map, std::vector>;
 
-TomlNode NodeOf(const Parsed& parsed) {
+TomlNode NodeOf(const Parsed& parsed, const std::filesystem::path& file, int depth) {
   TomlNode node;
   node.line = static_cast<int>(parsed.location().line());
+  if (depth > kDeepestToml) {
+    throw InputError(file, fmt::format("line {}", node.line), "is nested too deeply");
+  }
   if (parsed.is_string()) node.value = parsed.as_string().str;
   if (parsed.is_integer()) node.value = parsed.as_integer();
   if (parsed.is_floating()) node.value = parsed.as_floating();
   if (parsed.is_boolean()) node.value = parsed.as_boolean();
   if (parsed.is_array()) {
     auto& elements = node.value.emplace<TomlNode::Array>();
-    for (const Parsed& element : parsed.as_array()) elements.push_back(NodeOf(element));
+    for (const Parsed& element : parsed.as_array())
+      elements.push_back(NodeOf(element, file, depth + 1));
   }
   if (parsed.is_table()) {
     auto& entries = node.value.emplace<TomlNode::Table>();
-    for (const auto& [key, entry] : parsed.as_table()) entries.emplace(key, NodeOf(entry));
+    for (const auto& [key, entry] : parsed.as_table())
+      entries.emplace(key, NodeOf(entry, file, depth + 1));
   }
   return node;
 }
 
 // toml11 goes as deep as the text does, and so would its stack.
 void CheckDepth(const std::string& text, const std::filesystem::path& file) {
-  constexpr int kDeepest = 256;
   int depth = 0;
   for (const char letter : text) {
     if (letter == '[' || letter == '{') ++depth;
     if (letter == ']' || letter == '}') depth = std::max(0, depth - 1);
-    if (depth > kDeepest) throw InputError(file, "its brackets are nested too deeply");
+    if (depth > kDeepestToml) throw InputError(file, "its brackets are nested too deeply");
   }
 }
 
@@ -58,9 +62,9 @@ std::string_view FirstLine(std::string_view said) {
 TomlNode ParseToml(const std::string& text, const std::filesystem::path& file) {
   CheckDepth(text, file);
   std::istringstream stream(text);
+  Parsed parsed;
   try {
-    return NodeOf(
-        toml::parse<toml::discard_comments, std::map, std::vector>(stream, file.string()));
+    parsed = toml::parse<toml::discard_comments, std::map, std::vector>(stream, file.string());
   } catch (const toml::exception& error) {
     throw InputError(file, fmt::format("line {}", error.location().line()),
                      FirstLine(error.what()));
@@ -69,6 +73,7 @@ TomlNode ParseToml(const std::string& text, const std::filesystem::path& file) {
   } catch (const std::exception& error) {
     throw InputError(file, fmt::format("expected TOML, found: {}", FirstLine(error.what())));
   }
+  return NodeOf(parsed, file, 0);
 }
 
 }  // namespace raylift
