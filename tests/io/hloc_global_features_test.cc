@@ -75,6 +75,20 @@ TEST_F(HlocGlobalFeatures, NoneIsMissingInSilenceWhereTheFileIsDamaged) {
   EXPECT_GT(num_refused, 0);
 }
 
+TEST_F(HlocGlobalFeatures, AreReadAfterAFailureUnlessTheFileWasReplaced) {
+  const std::vector<std::string> names = {"a.jpg"}, missing = {"b.jpg"};
+  const Eigen::MatrixXf ones = Eigen::MatrixXf::Ones(2, 1);
+  WriteGlobalDescriptors(path_, names, ones);
+  const GlobalFeatureFile file(path_);
+  EXPECT_THROW(file.Read(missing), InputError);
+  EXPECT_EQ(file.Read(names), ones);
+  WriteGlobalDescriptors(path_, names, 2 * ones);
+  EXPECT_EQ(file.Read(names), ones);  // as when it was opened
+  EXPECT_THROW(file.Read(missing), InputError);
+  EXPECT_TRUE(FailsWithInputError([&] { file.Read(names); },
+                                  {"global.h5: has been replaced since it was opened"}));
+}
+
 TEST_F(HlocGlobalFeatures, WrongOnesAreNamed) {
   RunH5py(path_, "w", R"(
 f.create_dataset('a/global_descriptor', data=np.zeros(4, np.float32))
