@@ -165,10 +165,22 @@ TEST(TomlFile, ErrorsOfExpandedTextsAreToldWithTheirPlace) {
 }
 
 TEST(TomlFile, KeysOfTooManyPartsAreAnError) {
-  std::string key = "a";
-  for (int i = 0; i < 60000; ++i) key += ".a";
-  EXPECT_TRUE(FailsWithInputError([&] { ReadText("\n" + key + " = 1\n"); },
+  const auto key = [](int count) {
+    std::string text = "a";
+    for (int i = 1; i < count; ++i) text += ".a";
+    return text;
+  };
+  for (const std::string& text :
+       {key(1000000) + " = 1\n", "[" + key(1000000) + "]\n", "b = {" + key(1000000) + " = 1}\n"}) {
+    EXPECT_TRUE(
+        FailsWithInputError([&] { ReadText("\n" + text); }, {"line 2: a key has too many parts"}));
+  }
+  EXPECT_TRUE(FailsWithInputError([&] { ReadText("[" + key(200) + "]\n" + key(200) + " = 1\n"); },
                                   {"line 2: is nested too deeply"}));
+  EXPECT_TRUE(ReadText(key(200) + " = 1\n").Has("a"));
+  // Many dots are no key.
+  const std::string dots(1000, '.');
+  EXPECT_EQ(ReadText("# " + dots + "\na = '" + dots + "'\n").Text("a"), dots);
 }
 
 TEST(TomlFile, StringsAreQuotedSoThatTheyReadBack) {

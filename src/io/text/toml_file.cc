@@ -239,8 +239,26 @@ void TomlTable::FailWith(std::string_view key, std::string_view expected,
   Fail(key, fmt::format("expected {}, found \"{}\"", expected, found));
 }
 
+// Throws InputError: the libraries go as deep as a key has parts, and so would their stacks. Values
+// have not so many dots without a comma, but for those that stand side by side.
+static void RequireShortKeys(std::string_view text, const std::filesystem::path& file) {
+  constexpr std::string_view kEnds = "=,{}[]\n";
+  int line = 1, dots = 0;
+  char before = '\n';
+  for (const char letter : text) {
+    if (letter == '\n') ++line;
+    if (kEnds.find(letter) != kEnds.npos) dots = 0;
+    if (letter == '.' && before != '.' && ++dots >= kDeepestToml) {
+      throw InputError(file, fmt::format("line {}", line), "a key has too many parts");
+    }
+    before = letter;
+  }
+}
+
 TomlTable ReadToml(const std::filesystem::path& file, TomlTable::Expand expand) {
-  auto table = std::make_shared<const TomlNode>(ParseToml(ReadFile(file), file));
+  const std::string text = ReadFile(file);
+  RequireShortKeys(text, file);
+  auto table = std::make_shared<const TomlNode>(ParseToml(text, file));
   return TomlTable(std::make_unique<TomlTable::Impl>(
       TomlTable::Impl{file, "", std::move(table), std::move(expand), {}}));
 }
