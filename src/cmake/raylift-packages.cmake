@@ -70,6 +70,18 @@ macro(raylift_find package)
       set_property(TARGET raylift_package::OpenVDB APPEND PROPERTY
         INTERFACE_INCLUDE_DIRECTORIES "${raylift_Boost_INCLUDE_DIR}")
     endif()
+  elseif("${package}" STREQUAL "Ceres")
+    find_package(Ceres QUIET)
+    # That of Ubuntu 22.04 brings libunwind by glog: exceptions must not be raised by that and caught by
+    # GCC's.
+    set(raylift_glog_libraries "")
+    if(TARGET glog::glog)
+      get_target_property(raylift_glog_libraries glog::glog INTERFACE_LINK_LIBRARIES)
+    endif()
+    if(raylift_glog_libraries MATCHES unwind)
+      set_property(TARGET glog::glog PROPERTY
+        INTERFACE_LINK_OPTIONS "LINKER:--push-state,--no-as-needed,-lgcc_s,--pop-state")
+    endif()
   elseif("${package}" STREQUAL "HDF5")
     # FindHDF5 needs C enabled and adds all that HDF5 itself is linked with.
     raylift_find_library(HDF5 hdf5.h NAMES hdf5_serial hdf5 PATH_SUFFIXES hdf5/serial)

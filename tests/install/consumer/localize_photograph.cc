@@ -2,6 +2,7 @@
 #include <filesystem>
 #include <memory>
 
+#include <raylift/base/error.h>
 #include <raylift/io/image_file.h>
 #include <raylift/localization/localizer.h>
 #include <raylift/localization/match_source.h>
@@ -9,6 +10,13 @@
 int main(int, char** arguments) {
   // References with known poses, their photographs, and a mesh in the same coordinates.
   const std::filesystem::path demo = arguments[1];
+  // What is wrong with the input is thrown.
+  try {
+    raylift::OpenScene(
+        {.model = demo / "nothing", .geometry = {"mesh:" + (demo / "scene.obj").string()}});
+  } catch (const raylift::InputError&) {
+    std::puts("there is no such model");
+  }
   const auto scene = std::make_shared<const raylift::Scene>(
       raylift::OpenScene({.model = demo / "model",
                           .images = demo / "images",
