@@ -1,6 +1,7 @@
 #include "io/text/toml_file.h"
 
 #include <functional>
+#include <limits>
 #include <map>
 
 #include "support/matchers.h"
@@ -162,6 +163,25 @@ TEST(TomlFile, ErrorsOfExpandedTextsAreToldWithTheirPlace) {
   });
   EXPECT_EQ(table.Text("a"), "good!");
   EXPECT_TRUE(FailsWithInputError([&] { table.Values("b"); }, {"line 2: b: bad is bad"}));
+}
+
+TEST(TomlFile, IntegersBeyond64BitsAreAnError) {
+  for (const std::string number :
+       {"9223372036854775808", "-9223372036854775809", "0xffffffffffffffff"}) {
+    for (const std::string& text :
+         {"\nseed = " + number, "\n[a]\nb = {seed = [1, " + number + "]}"}) {
+      const std::string reason = number + "' is not representable in 64 bits";
+      const std::string unsigned_reason = reason.substr(reason.find_first_not_of('-'));
+      EXPECT_TRUE(
+          FailsWithInputError([&] { ReadText(text); }, {"file.toml: line ", unsigned_reason}));
+#if !__has_include(<toml++/toml.h>)
+      EXPECT_TRUE(FailsWithInputError([&] { ReadText(text); }, {": seed: '" + reason}));
+#endif
+    }
+  }
+  TomlTable table = ReadText("least = -9_223_372_036_854_775_808\nmost = 0x7fff_ffff_ffff_ffff\n");
+  EXPECT_EQ(table.Integer("least"), std::numeric_limits<int64_t>::min());
+  EXPECT_EQ(table.Integer("most"), std::numeric_limits<int64_t>::max());
 }
 
 TEST(TomlFile, KeysOfTooManyPartsAreAnError) {

@@ -1,6 +1,7 @@
 // Stands for toml_node.cc where there is no toml++ (Ubuntu 22.04).
 
 #include <algorithm>
+#include <charconv>
 #include <new>
 #include <sstream>
 #include <string_view>
@@ -16,25 +17,50 @@ namespace {
 
 using Parsed = toml::basic_value<toml::discard_comments, std::map, std::vector>;
 
-TomlNode NodeOf(const Parsed& parsed, const std::filesystem::path& file, int depth) {
+bool FitsInt64(std::string digits) {
+  std::erase(digits, '_');
+  const int base = digits.starts_with("0x")   ? 16
+                   : digits.starts_with("0o") ? 8
+                   : digits.starts_with("0b") ? 2
+                                              : 10;
+  const int prefix = base != 10 ? 2 : digits.starts_with('+') ? 1 : 0;
+  int64_t value = 0;
+  const auto end = digits.data() + digits.size();
+  return std::from_chars(digits.data() + prefix, end, value, base).ec == std::errc();
+}
+
+// toml11 takes what does not fit for the largest that does, without a word.
+int64_t IntegerOf(const Parsed& parsed, std::string_view key, const std::filesystem::path& file) {
+  const toml::source_location place = parsed.location();
+  const std::string digits = place.line_str().substr(place.column() - 1, place.region());
+  if (!FitsInt64(digits)) {
+    throw InputError(file, fmt::format("line {}: {}", place.line(), key),
+                     fmt::format("'{}' is not representable in 64 bits", digits));
+  }
+  return parsed.as_integer();
+}
+
+// The key is that of the innermost table that the node is in.
+TomlNode NodeOf(const Parsed& parsed, std::string_view key, const std::filesystem::path& file,
+                int depth) {
   TomlNode node;
   node.line = static_cast<int>(parsed.location().line());
   if (depth > kDeepestToml) {
     throw InputError(file, fmt::format("line {}", node.line), "is nested too deeply");
   }
   if (parsed.is_string()) node.value = parsed.as_string().str;
-  if (parsed.is_integer()) node.value = parsed.as_integer();
+  if (parsed.is_integer()) node.value = IntegerOf(parsed, key, file);
   if (parsed.is_floating()) node.value = parsed.as_floating();
   if (parsed.is_boolean()) node.value = parsed.as_boolean();
   if (parsed.is_array()) {
     auto& elements = node.value.emplace<TomlNode::Array>();
     for (const Parsed& element : parsed.as_array())
-      elements.push_back(NodeOf(element, file, depth + 1));
+      elements.push_back(NodeOf(element, key, file, depth + 1));
   }
   if (parsed.is_table()) {
     auto& entries = node.value.emplace<TomlNode::Table>();
-    for (const auto& [key, entry] : parsed.as_table())
-      entries.emplace(key, NodeOf(entry, file, depth + 1));
+    for (const auto& [name, entry] : parsed.as_table())
+      entries.emplace(name, NodeOf(entry, name, file, depth + 1));
   }
   return node;
 }
@@ -73,7 +99,7 @@ TomlNode ParseToml(const std::string& text, const std::filesystem::path& file) {
   } catch (const std::exception& error) {
     throw InputError(file, fmt::format("expected TOML, found: {}", FirstLine(error.what())));
   }
-  return NodeOf(parsed, file, 0);
+  return NodeOf(parsed, "", file, 0);
 }
 
 }  // namespace raylift
