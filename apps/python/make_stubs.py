@@ -19,13 +19,13 @@ REPAIRS = [
     (r"(?<=-> )list(?=:)", "list[typing.Any]"),
     (r"\*\*kwargs\)", "**kwargs: typing.Any)"),
     (r"(__hash__: typing.ClassVar\[None\]) = None", r"\1  # type: ignore[assignment]"),
-    (r"abc\.Iterator(?!\[)", "abc.Iterator[typing.Any]"),
     (r"(def __eq__\(self, other: )typing\.Any", r"\1object"),
     (r"(def __array__\(.*-> )typing\.Any", r"\1numpy.typing.NDArray[numpy.float64]"),
-    # A query is a pair. What unpacks it asks __iter__, which has one type for all: Any.
-    (r"( +)def __getitem__\(self, index: .*\) -> typing\.Any:",
-     r"\1@typing.overload\n\1def __getitem__(self, index: typing.Literal[0, -2]) -> str:\n\1    ...\n"
-     r"\1@typing.overload\n\1def __getitem__(self, index: typing.Literal[1, -1]) -> Camera:"),
+    # A query is no tuple, but unpacks like one: no type of __iter__ says so.
+    (r"class Query:", "class Query(tuple[str, Camera]):"),
+    (r"( +)def __getitem__\(self, index: .*:\n +\.\.\.",
+     r"\1def __new__(cls, *args: object, **kwargs: object) -> Query:\n\1    ..."),
+    (r" +def (__iter__|__len__)\(self\) -> (collections\.abc\.Iterator|int):\n +\.\.\.\n", ""),
     # A pose has __array__, but is told from arrays first.
     (r"(def __mul__\(self, other: Rigid3\) -> Rigid3:)", r"\1  # pyright: ignore[reportOverlappingOverload]"),
     (r"\*args,", "*args: raylift._types.GeometryLike,"),

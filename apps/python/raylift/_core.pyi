@@ -176,7 +176,7 @@ class Rigid3:
         """
         The translation (3,), scene units.
         """
-class Query:
+class Query(tuple[str, Camera]):
     """
     A photograph whose pose is looked for: its name, its camera and what is known beforehand.
 
@@ -186,11 +186,7 @@ class Query:
         """
         With another Query, or a pair.
         """
-    @typing.overload
-    def __getitem__(self, index: typing.Literal[0, -2]) -> str:
-        ...
-    @typing.overload
-    def __getitem__(self, index: typing.Literal[1, -1]) -> Camera:
+    def __new__(cls, *args: object, **kwargs: object) -> Query:
         ...
     def __getstate__(self) -> tuple[typing.Any, ...]:
         ...
@@ -203,10 +199,6 @@ class Query:
         deviation of the camera's focal length as a share of it. focal_range: it is the camera's up
         to this factor either way.
         """
-    def __iter__(self) -> collections.abc.Iterator[typing.Any]:
-        ...
-    def __len__(self) -> int:
-        ...
     def __repr__(self) -> str:
         ...
     def __setstate__(self, arg0: tuple[typing.Any, ...]) -> None:
