@@ -25,7 +25,8 @@ endmacro()
 # raylift_find(<package>) sets <package>_FOUND.
 macro(raylift_find package)
   if("${package}" STREQUAL "Eigen3")
-    find_package(Eigen3 3.3 QUIET NO_MODULE)
+    # No version: after 3.4 came 5, which refuses who asks for 3.
+    find_package(Eigen3 QUIET NO_MODULE)
   elseif("${package}" STREQUAL "OpenCV")
     find_package(OpenCV QUIET COMPONENTS core imgproc features2d)
   elseif("${package}" STREQUAL "embree")

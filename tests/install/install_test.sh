@@ -15,6 +15,18 @@ cmp "$source/assets/cluster/array.sbatch" "$work/prefix/share/raylift/cluster/ar
 as_consumer=(-DCMAKE_PREFIX_PATH="$work/prefix" -DCMAKE_CXX_COMPILER="$compiler")
 "$here/check_consumer.sh" "$work/consumer" "$source/assets/demo" "${as_consumer[@]}"
 
+# With Eigen 5, which is compatible with itself alone.
+mkdir "$work/eigen5"
+eigen=$(sed -n 's/^Eigen3_DIR:PATH=//p' "$work/consumer/CMakeCache.txt")
+echo "include($eigen/Eigen3Config.cmake)" > "$work/eigen5/Eigen3Config.cmake"
+cat > "$work/eigen5/Eigen3ConfigVersion.cmake" << 'EOF'
+set(PACKAGE_VERSION 5.0.1)
+if(NOT PACKAGE_FIND_VERSION OR PACKAGE_FIND_VERSION_MAJOR EQUAL 5)
+  set(PACKAGE_VERSION_COMPATIBLE TRUE)
+endif()
+EOF
+cmake -S "$here/consumer" -B "$work/with_eigen5" -G Ninja "${as_consumer[@]}" -DEigen3_DIR="$work/eigen5" > /dev/null
+
 # Without CMake.
 if command -v pkg-config > /dev/null; then
   export PKG_CONFIG_PATH=$(dirname "$(find "$work/prefix" -name raylift-estimation.pc)")
