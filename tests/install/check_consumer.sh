@@ -15,3 +15,9 @@ cmake --build "$work"
   "$work/localize_photograph" "$demo"
 } > "$work/printed.txt"
 diff "$source/expected.txt" "$work/printed.txt"
+# Where a library brings libunwind, exceptions are raised by GCC's unwinder all the same.
+unwinder=$(readelf --dynamic "$work/localize_photograph" | sed -n 's/.*\[lib\(gcc_s\|unwind\)\.so.*/\1/p' | sed -n 1p)
+if [ "$unwinder" = unwind ]; then
+  echo "The consumer's exceptions are raised by libunwind." >&2
+  exit 1
+fi
