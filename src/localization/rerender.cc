@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "base/statistics.h"
+#include "localization/patch_alignment.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -21,9 +22,10 @@ namespace {
 
 constexpr double kRadPerDeg = std::numbers::pi / 180;
 
-FrameOptions ColorOnly(const ColorOptions& look) {
+FrameOptions ColorAndMask(const ColorOptions& look) {
   FrameOptions options;
   options.color = true;
+  options.mask = true;
   options.color_options = look;
   return options;
 }
@@ -69,6 +71,13 @@ std::vector<Rigid3> PosesAround(const Rigid3& cam_from_world, double depth, doub
   return poses;
 }
 
+// Leaves a pose as sure as it was found: patches are looked for where it has them.
+void LimitConfidence(const PoseEstimate& found, PoseEstimate& sharper) {
+  if (sharper.confidence <= found.confidence) return;
+  sharper.confidence = found.confidence;
+  sharper.verdict = found.verdict;
+}
+
 void RequireSize(const Image& photograph, const Camera& camera, const std::string& name) {
   if (photograph.width_px == camera.width_px() && photograph.height_px == camera.height_px()) {
     return;
@@ -78,17 +87,57 @@ void RequireSize(const Image& photograph, const Camera& camera, const std::strin
                                photograph.height_px, camera.width_px(), camera.height_px()));
 }
 
+struct Candidate {
+  PoseProblem problem;
+  PoseEstimate estimate;
+};
+
+std::optional<Candidate> EstimateOf(PoseProblem problem, const PoseEstimator& estimator,
+                                    double min_confidence) {
+  PoseEstimate estimate = estimator.Estimate(problem);
+  if (!ReasonNotLocalized(estimate, min_confidence).empty()) return std::nullopt;
+  return Candidate{std::move(problem), std::move(estimate)};
+}
+
 // One query's rounds.
 class Rounds {
  public:
   // `photograph` is gray.
-  Rounds(const Image& photograph, const GeometrySource& source, const FrameRenderer& renderer,
-         const RerenderOptions& options)
-      : source_(source),
+  Rounds(const Query& query, Image photograph, const GeometrySource& source,
+         const FrameRenderer& renderer, const RerenderOptions& options)
+      : query_(query),
+        source_(source),
         renderer_(renderer),
         options_(options),
-        query_features_(Extract(photograph)) {}
+        photograph_(std::move(photograph)),
+        query_features_(Extract(photograph_)) {}
 
+  // Returns what a round makes of the pose so far; nullopt where it finds none of this confidence.
+  std::optional<Candidate> Run(int round, const PoseProblem& base, const QueryResult& so_far,
+                               const PoseEstimator& estimator, double min_confidence) const {
+    const PoseEstimate& before = so_far.localized.estimate;
+    const auto poses =
+        PosesAround(*before.cam_from_world, MedianDepth(so_far), options_.around_deg);
+    auto found = EstimateOf(AddPictures(base, CameraOf(query_, before), poses, round), estimator,
+                            min_confidence);
+    if (!found) return std::nullopt;
+    const bool is_better =
+        Support(found->problem, found->estimate) > Support(found->problem, before);
+    const PoseEstimate& rough = is_better ? found->estimate : before;
+    auto sharper = EstimateOf(
+        AddPatches(found->problem, CameraOf(query_, rough), *rough.cam_from_world, round),
+        estimator, min_confidence);
+    if (!sharper) return found;
+    LimitConfidence(found->estimate, sharper->estimate);
+    return sharper;
+  }
+
+  double Support(const PoseProblem& problem, const PoseEstimate& estimate) const {
+    return KeypointSupport(CameraOf(query_, estimate), *estimate.cam_from_world,
+                           problem.matches_2d3d, options_.reprojection_threshold_px);
+  }
+
+ private:
   // `base` with pictures through `query_camera` from these poses as further references, their
   // matches and points.
   PoseProblem AddPictures(const PoseProblem& base, const Camera& query_camera,
@@ -103,7 +152,23 @@ class Rounds {
     return Join(base, std::move(pictures));
   }
 
- private:
+  // `base` with a picture from this pose as a further reference, whose patches are found in the
+  // photograph.
+  PoseProblem AddPatches(const PoseProblem& base, const Camera& query_camera,
+                         const Rigid3& cam_from_world, int round) const {
+    const Camera camera = AtMost(query_camera, options_.max_image_side_px);
+    Frame frame;
+    renderer_.Render(PixelRays(camera, 1), cam_from_world, 1, frame);
+    PoseProblem picture;
+    picture.references = {{fmt::format("rerender/{}/patches", round), camera, cam_from_world}};
+    for (const PatchMatch& match : AlignPatches(photograph_, ToGray(frame.color), frame.mask)) {
+      picture.matches_2d2d.push_back(
+          {.reference = 0, .query_px = match.photograph_px, .reference_px = match.rendering_px});
+    }
+    KeepNear(cam_from_world, query_camera, picture);
+    return Join(base, std::move(picture));
+  }
+
   Features Extract(const Image& gray) const {
     return ExtractRootSift(gray, {.max_features = options_.max_features});
   }
@@ -171,9 +236,11 @@ class Rounds {
     return joint;
   }
 
+  const Query& query_;
   const GeometrySource& source_;
   const FrameRenderer& renderer_;
   const RerenderOptions& options_;
+  Image photograph_;
   Features query_features_;
 };
 
@@ -198,7 +265,7 @@ double KeypointSupport(const Camera& camera, const Rigid3& cam_from_world,
 Rerenderer::Rerenderer(const std::shared_ptr<const RayCaster>& mesh, const ColorOptions& look,
                        std::filesystem::path query_images, const RerenderOptions& options)
     : source_("the mesh, rendered again", mesh),
-      renderer_(mesh, ColorOnly(look)),
+      renderer_(mesh, ColorAndMask(look)),
       query_images_(std::move(query_images)),
       options_(options) {}
 
@@ -219,24 +286,17 @@ void Rerenderer::Improve(const Query& query, const Image& photograph,
   if (!result.localized.localized()) return;
   RequireSize(photograph, query.camera, query.name);
   const auto start = std::chrono::steady_clock::now();
-  const Rounds rounds(ToGray(photograph), source_, renderer_, options_);
+  const Rounds rounds(query, ToGray(photograph), source_, renderer_, options_);
   const PoseProblem base = result.problem;
   LocalizedQuery& localized = result.localized;
   for (int round = 1; round <= options_.rounds; ++round) {
-    const PoseEstimate& before = localized.estimate;
-    PoseProblem problem = rounds.AddPictures(
-        base, CameraOf(query, before),
-        PosesAround(*before.cam_from_world, MedianDepth(result), options_.around_deg), round);
-    PoseEstimate after = estimator.Estimate(problem);
-    // Nor one that is less sure than what was asked for.
-    if (!ReasonNotLocalized(after, min_confidence).empty()) break;
-    const auto support = [&](const PoseEstimate& estimate) {
-      return KeypointSupport(CameraOf(query, estimate), *estimate.cam_from_world,
-                             problem.matches_2d3d, options_.reprojection_threshold_px);
-    };
-    if (!(support(after) > support(before))) break;
-    result.problem = std::move(problem);
-    localized.TakeEstimate(std::move(after));
+    auto found = rounds.Run(round, base, result, estimator, min_confidence);
+    if (!found || !(rounds.Support(found->problem, found->estimate) >
+                    rounds.Support(found->problem, localized.estimate))) {
+      break;
+    }
+    result.problem = std::move(found->problem);
+    localized.TakeEstimate(std::move(found->estimate));
     localized.counts.points = result.problem.matches_2d3d.size();
     localized.rerender_rounds = round;
   }

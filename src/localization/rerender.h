@@ -1,7 +1,8 @@
 // Sharpens a pose against a mesh or splats: they are rendered as the query saw them from the
 // estimated pose, and from a few poses around that; the query is matched with these pictures, which
-// differ less in viewpoint than any reference, and its pose is estimated anew. The new pose is kept
-// only where the matches support it better.
+// differ less in viewpoint than any reference, and its pose is estimated anew. From there one more
+// picture is rendered, whose patches are found in the photograph (patch_alignment.h), and the pose
+// is estimated with these, too. The new pose is kept only where the matches support it better.
 
 #pragma once
 
@@ -53,7 +54,8 @@ class Rerenderer {
   // Does nothing for a query that is not localized. Otherwise the rounds: each takes the matches
   // with the retrieved references and the 2D-3D matches with the pictures of this round, and its
   // pose is kept where it is at least as sure as `min_confidence` and KeypointSupport by these
-  // 2D-3D matches is above that of the pose before. The result then is that of the kept round, with
+  // 2D-3D matches is above that of the pose before. Patches are looked for only where the pose has
+  // them, and so make it sharper but not surer. The result then is that of the kept round, with
   // its matches, and counts the rounds. The same on any thread; InputError where the query's
   // photograph cannot be read or does not have its camera's size.
   void Improve(const Query& query, const PoseEstimator& estimator, QueryResult& result,

@@ -111,15 +111,49 @@ TEST_F(Rerender, SharpensARoughPoseFromTheMeshAlone) {
   EXPECT_EQ(result.localized.estimate.inliers_2d3d.size(), result.problem.matches_2d3d.size());
 }
 
+TEST_F(Rerender, SharpensByPatchesWhereFeaturesAreFew) {
+  QueryResult result = LocalizedAt(MovedBy(truth(), {0.02, -0.01, 0.02}), false);
+  Make({.max_features = 60}).Improve(query(), *MakePoseEstimator({}), result);
+  EXPECT_EQ(result.localized.rerender_rounds, 1);
+  EXPECT_EQ(result.problem.references.back().name, "rerender/1/patches");
+  EXPECT_GT(result.localized.counts.inliers_2d3d, 100u);
+  EXPECT_TRUE(IsNearPose(*result.localized.estimate.cam_from_world, truth(), 0.1, 0.003));
+}
+
+// The same pose, surer of it with patches.
+class SurerByPatches final : public PoseEstimator {
+ public:
+  explicit SurerByPatches(const Rigid3& pose) : given_(pose) {}
+  PoseEstimate Estimate(const PoseProblem& problem) const override {
+    PoseEstimate estimate = given_.Estimate(problem);
+    const bool has_patches = problem.references.back().name.ends_with("patches");
+    estimate.confidence = has_patches ? 1 : 0.5;
+    estimate.verdict = has_patches ? PoseVerdict::kLocalized : PoseVerdict::kDoubtful;
+    return estimate;
+  }
+
+ private:
+  GivenPose given_;
+};
+
+TEST_F(Rerender, PatchesDoNotMakeAPoseSurer) {
+  QueryResult result = LocalizedAt(MovedBy(truth(), {0.02, 0, 0}), false);
+  Make().Improve(query(), SurerByPatches(truth()), result);
+  ASSERT_EQ(result.localized.rerender_rounds, 1);
+  EXPECT_EQ(result.problem.references.back().name, "rerender/1/patches");
+  EXPECT_EQ(result.localized.estimate.confidence, 0.5);
+  EXPECT_EQ(result.localized.estimate.verdict, PoseVerdict::kDoubtful);
+}
+
 TEST_F(Rerender, KeepsTheMatchesOfTheReferences) {
   QueryResult result = LocalizedAt(MovedBy(truth(), {0.05, 0, 0}), true);
   const PoseProblem before = result.problem;
   Make().Improve(query(), GivenPose(truth()), result);
   EXPECT_EQ(result.localized.rerender_rounds, 1);
-  ASSERT_EQ(result.problem.references.size(), before.references.size() + 5);
+  ASSERT_EQ(result.problem.references.size(), before.references.size() + 6);
   EXPECT_EQ(result.problem.references[0].name, before.references[0].name);
   EXPECT_EQ(result.problem.references[2].name, "rerender/1/0");
-  EXPECT_EQ(result.problem.reference_clusters, (std::vector<int>{0, 0, 1, 1, 1, 1, 1}));
+  EXPECT_EQ(result.problem.reference_clusters, (std::vector<int>{0, 0, 1, 1, 1, 1, 1, 2}));
   EXPECT_EQ(result.problem.matches_2d2d.size(), before.matches_2d2d.size());
   EXPECT_GT(result.problem.matches_2d3d.size(), before.matches_2d3d.size());
   for (size_t i = before.matches_2d3d.size(); i < result.problem.matches_2d3d.size(); ++i) {
