@@ -111,9 +111,10 @@ void CheckStorage(const StorageOptions& storage) {
 
 void CheckSelection(const TaskSelection& selection) {
   CheckSubsampling(selection.subsampling);
-  if (selection.scale.has_value() + selection.size.has_value() + selection.panorama.has_value() >
+  if (selection.scale.has_value() + selection.size.has_value() + selection.panorama.has_value() +
+          selection.cubemap.has_value() >
       1) {
-    throw OptionError("give at most one of --scale, --size and --panorama");
+    throw OptionError("give at most one of --scale, --size, --panorama and --cubemap");
   }
 }
 
@@ -156,6 +157,11 @@ void AddInputOptions(CLI::App& command, RenderFlags& flags) {
   scene.AddParsed("--size", selection.size, &ParseSize, "WIDTHxHEIGHT of all images; likewise");
   scene.AddParsed("--panorama", selection.panorama, &ParseSize,
                   "WIDTHxHEIGHT: an equirectangular panorama from each camera's place");
+  scene.AddParsed(
+      "--cubemap", selection.cubemap, &ParseSide,
+      "SIDE in pixels: six pinholes of 90 degrees from each camera's place,\n"
+      "NAME/front (with the camera's axes), right, back, left (turned about its y), up\n"
+      "and down (up's lower edge and down's upper one are front's); likewise");
 }
 
 void AddProductOptions(CLI::App& command, RenderFlags& flags) {
@@ -241,8 +247,9 @@ void CheckRenderFlags(const RenderFlags& flags) {
   }
   flags.running.Check();
   CheckSelection(flags.selection);
-  if (!flags.job.photographs.empty() && (flags.selection.scale || flags.selection.size)) {
-    throw OptionError("--photographs are not of the size of --scale or --size");
+  const TaskSelection& selection = flags.selection;
+  if (!flags.job.photographs.empty() && (selection.scale || selection.size || selection.cubemap)) {
+    throw OptionError("--photographs are not those of --scale, --size or --cubemap");
   }
   const auto& products = flags.products;
   if (!flags.semantics.empty() &&
@@ -420,7 +427,8 @@ class RenderRun {
 
   // Images of another size need cameras of their own.
   void WriteModel() const {
-    if (!flags_.selection.size && !flags_.selection.scale) return;
+    const TaskSelection& selection = flags_.selection;
+    if (!selection.size && !selection.scale && !selection.cubemap) return;
     if (const auto model = ModelOf(tasks_)) {
       WriteColmapModel(options_.out / "model", *model, ColmapForm::kText);
     }

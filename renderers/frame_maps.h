@@ -45,7 +45,10 @@ class FrameMaps {
         rays_(rays),
         center_in_world_(cam_from_world.OriginInSource()),
         world_from_cam_(cam_from_world.rotation.conjugate().toRotationMatrix()),
-        frame_(frame) {}
+        frame_(frame) {
+    frame_.points_origin.setZero();
+    if (options.points_from_center && !InCamera()) frame_.points_origin = center_in_world_;
+  }
 
   BlockArea AreaAt(int x0, int y0) const {
     return {x0, y0, std::min(kBlockSide, rays_.width_px() - x0),
@@ -145,7 +148,7 @@ class FrameMaps {
       }
       const Eigen::Vector3d ray = Lane(rays_in_world, i).cast<double>() * double{hits.ray_t[i]};
       point = (InCamera() ? Eigen::Vector3d(world_from_cam_.transpose() * ray)
-                          : Eigen::Vector3d(center_in_world_ + ray))
+                          : Eigen::Vector3d(center_in_world_ - frame_.points_origin + ray))
                   .cast<float>();
     });
   }

@@ -31,7 +31,7 @@ std::string_view MeaningOf(Product product) {
              "  length. 0: no surface.";
     case Product::kPoints:
       return "x, y, z of the surface's point, in scene units. As float: where coordinates are\n"
-             "  large (1e6 and more) ask for those of the camera. NaN: no surface.";
+             "  large (1e6 and more) ask for those of the camera, or for PLY. NaN: no surface.";
     case Product::kNormals:
       return "x, y, z of the surface's unit normal, on the side that the camera sees. 0, 0, 0: no\n"
              "  surface.";
@@ -119,6 +119,10 @@ std::string FormatText(Product product, const std::string& format, const Storage
     return fmt::format("key \"{}\": {}", KeyOf(product), ArrayText(product, storage));
   if (format == "png") return PngText(product, storage);
   if (format == "jpg") return "8 bits, RGB, lossy";
+  if (format == "ply") {
+    return "a cloud of the surface's points alone: x, y, z in double, normals (nx, ny, nz) in\n"
+           "  float32, colors in 8 bits";
+  }
   if (format == "bin") {
     return product == Product::kNormals
                ? "COLMAP's: \"width&height&3&\", then float32, all x, all y, all z"

@@ -79,7 +79,7 @@ Json ProductJson(const ProductOutput& output, const RenderJobOptions& options) {
         floats.out_of_range == DepthWriteOptions::OutOfRange::kDrop ? "drop" : "refuse";
   }
   if (output.format == "jpg") json["quality"] = options.storage.jpeg_quality;
-  if (output.product == Product::kColor) json["color"] = ColorJson(options.frame.color_options);
+  if (HasColors(output)) json["color"] = ColorJson(options.frame.color_options);
   if (IsVector(output.product)) {
     json["in"] = options.frame.normals_in == FrameOptions::NormalsIn::kCamera ? "camera" : "world";
   }

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/file.h"
 #include "raylift/io/depth_file.h"
 #include "raylift/io/image_file.h"
 #include "raylift/scene/image.h"
@@ -18,7 +19,7 @@ constexpr std::array<std::string_view, 7> kOfDepth = {"npy", "exr",  "npz", "png
                                                       "bin", "tiff", "pfm"};
 constexpr std::array<std::string_view, 5> kOfAngles = {"npy", "exr", "npz", "tiff", "pfm"};
 constexpr std::array<std::string_view, 5> kOfNormals = {"npy", "exr", "npz", "png", "bin"};
-constexpr std::array<std::string_view, 3> kOfPoints = {"npy", "exr", "npz"};
+constexpr std::array<std::string_view, 4> kOfPoints = {"npy", "exr", "npz", "ply"};
 constexpr std::array<std::string_view, 4> kOfIndices = {"npy", "exr", "npz", "png"};
 constexpr std::array<std::string_view, 2> kOfColor = {"png", "jpg"};
 constexpr std::array<std::string_view, 1> kOfMask = {"png"};
@@ -41,6 +42,34 @@ WrittenFile WriteFloats(const path& file, const Frame& frame, const std::vector<
   const DepthWriteReport report =
       WriteDepthFile(file, {frame.width_px, frame.height_px, values}, options);
   return {file, report.bytes, report.dropped};
+}
+
+template <typename T>
+void Append(const T* values, std::string& bytes) {
+  bytes.append(reinterpret_cast<const char*>(values), 3 * sizeof(T));
+}
+
+// The surface's points alone, in the order of the pixels.
+WrittenFile WriteCloud(const path& file, const Frame& frame) {
+  std::string rows;
+  for (size_t i = 0; i < frame.points.size(); i += 3) {
+    const Eigen::Map<const Eigen::Vector3f> point(&frame.points[i]);
+    if (!point.allFinite()) continue;
+    const Eigen::Vector3d in_world = frame.points_origin + point.cast<double>();
+    Append(in_world.data(), rows);
+    Append(&frame.normals[i], rows);
+    Append(&frame.color.data[i], rows);
+  }
+  constexpr size_t kRowBytes = 3 * (sizeof(double) + sizeof(float) + sizeof(uint8_t));
+  const std::string header = fmt::format(
+      "ply\nformat binary_little_endian 1.0\ncomment written by Raylift\nelement vertex {}\n"
+      "property double x\nproperty double y\nproperty double z\n"
+      "property float nx\nproperty float ny\nproperty float nz\n"
+      "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n",
+      rows.size() / kRowBytes);
+  const std::string_view parts[] = {header, rows};
+  WriteFile(file, parts);
+  return {file, header.size() + rows.size()};
 }
 
 DepthWriteOptions OptionsFor(const ProductOutput& output, const DepthWriteOptions& floats) {
@@ -144,9 +173,10 @@ void Request(std::span<const ProductOutput> products, FrameOptions& options) {
   for (const ProductOutput& output : products) {
     options.depth |= output.product == Product::kDepth || output.product == Product::kInverseDepth;
     options.points |= output.product == Product::kPoints;
+    options.points_from_center |= output.format == "ply";
     options.distance |= output.product == Product::kDistance;
-    options.normals |= output.product == Product::kNormals;
-    options.color |= output.product == Product::kColor;
+    options.normals |= output.product == Product::kNormals || output.format == "ply";
+    options.color |= HasColors(output);
     options.triangle |= IsId(output.product);
     options.incidence |= output.product == Product::kIncidence;
     options.mask |= output.product == Product::kMask;
@@ -167,6 +197,7 @@ WrittenFile WriteProduct(const path& file, const ProductOutput& output, const Fr
     case Product::kInverseDepth:
       return WriteFloats(file, frame, InverseDepths(frame), options);
     case Product::kPoints:
+      if (output.format == "ply") return WriteCloud(file, frame);
       return {file, WriteVectorMap(file, size, frame.points, options)};
     case Product::kNormals:
       if (output.format == "png") return WritePicture(file, NormalPicture(frame), 0);

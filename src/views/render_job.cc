@@ -180,9 +180,7 @@ size_t NumRays(const ViewCamera& camera, const RenderJobOptions& options) {
   const size_t pixels =
       static_cast<size_t>(camera.width_px) * static_cast<size_t>(camera.height_px);
   const auto side = static_cast<size_t>(options.frame.color_options.samples_per_pixel_side);
-  const bool has_color =
-      std::any_of(options.products.begin(), options.products.end(),
-                  [](const ProductOutput& output) { return output.product == Product::kColor; });
+  const bool has_color = std::any_of(options.products.begin(), options.products.end(), &HasColors);
   return has_color && side > 1 ? pixels * (1 + side * side) : pixels;
 }
 

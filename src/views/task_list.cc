@@ -47,6 +47,20 @@ void Thin(const Subsampling& subsampling, std::vector<View>& views) {
   views = std::move(kept);
 }
 
+void SortByName(std::vector<View>& views) {
+  std::sort(views.begin(), views.end(),
+            [](const View& a, const View& b) { return a.name < b.name; });
+}
+
+std::vector<View> AllCubeFaces(const std::vector<View>& views, int side_px) {
+  std::vector<View> all;
+  for (const View& view : views) {
+    for (View& face : CubeFaces(view, side_px)) all.push_back(std::move(face));
+  }
+  SortByName(all);
+  return all;
+}
+
 int ScaledSide(const std::string& name, int side, double scale) {
   const double scaled = std::round(side * scale);
   if (!(scaled >= 1 && scaled <= kMaxSide)) {
@@ -82,6 +96,14 @@ std::string StemOf(const std::string& name, size_t index, std::string_view patte
 
 }  // namespace
 
+int ParseSide(std::string_view option, const std::string& text) {
+  const auto side = ParseInt(text);
+  if (!side || *side < 1 || *side > kMaxSide) {
+    throw OptionError(option, text, fmt::format("expected pixels, of 1 to {}", kMaxSide));
+  }
+  return static_cast<int>(*side);
+}
+
 PlaneSize ParseSize(std::string_view option, const std::string& text) {
   const auto sides = SplitBy(text, 'x');
   const auto width = ParseInt(sides.front());
@@ -91,6 +113,32 @@ PlaneSize ParseSize(std::string_view option, const std::string& text) {
     throw OptionError(option, text, fmt::format("expected WIDTHxHEIGHT of 1 to {}", kMaxSide));
   }
   return {static_cast<int>(*width), static_cast<int>(*height)};
+}
+
+std::vector<View> CubeFaces(const View& view, int side_px) {
+  struct Face {
+    const char* name;
+    Eigen::Vector3d right_in_cam, down_in_cam;
+  };
+  const Eigen::Vector3d x = Eigen::Vector3d::UnitX(), y = Eigen::Vector3d::UnitY(),
+                        z = Eigen::Vector3d::UnitZ();
+  const Face faces[] = {{"front", x, y}, {"right", -z, y}, {"back", -x, y},
+                        {"left", z, y},  {"up", x, z},     {"down", x, -z}};
+  const double half = 0.5 * side_px;
+  const double params[] = {half, half, half};
+  const Camera lens(CameraModel::kSimplePinhole, side_px, side_px, params);
+  const std::filesystem::path name(view.name);
+  std::vector<View> views;
+  for (const Face& face : faces) {
+    Eigen::Matrix3d face_from_cam;
+    face_from_cam << face.right_in_cam.transpose(), face.down_in_cam.transpose(),
+        face.right_in_cam.cross(face.down_in_cam).transpose();
+    const auto file = name.parent_path() / name.stem() / (face.name + name.extension().string());
+    views.push_back(
+        {file.generic_string(), lens,
+         Rigid3(Eigen::Quaterniond(face_from_cam), Eigen::Vector3d::Zero()) * view.cam_from_world});
+  }
+  return views;
 }
 
 std::vector<View> ReadModelViews(const std::filesystem::path& model,
@@ -125,12 +173,12 @@ std::optional<std::string> StretchWarning(const std::vector<View>& views,
 }
 
 std::vector<RenderTask> SelectTasks(std::vector<View> views, const TaskSelection& selection) {
-  std::sort(views.begin(), views.end(),
-            [](const View& a, const View& b) { return a.name < b.name; });
+  SortByName(views);
   if (!selection.list.empty()) KeepListed(selection.list, views);
   if (!selection.glob.empty()) KeepMatching(selection.glob, views);
   if (!selection.subsampling.KeepsAll()) Thin(selection.subsampling, views);
   if (views.empty()) throw InputError("there are no images to render");
+  if (selection.cubemap) views = AllCubeFaces(views, *selection.cubemap);
   std::vector<RenderTask> tasks;
   std::unordered_map<std::string, std::string> name_of_stem;
   for (View& view : views) {

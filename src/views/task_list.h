@@ -19,15 +19,20 @@ namespace raylift {
 // "WIDTHxHEIGHT"; throws OptionError naming the option for anything else.
 PlaneSize ParseSize(std::string_view option, const std::string& text);
 
+// A number of pixels; likewise.
+int ParseSide(std::string_view option, const std::string& text);
+
 struct TaskSelection {
   std::filesystem::path list = {};  // only the images in this list; empty: all
   std::string glob = {};            // only names that match, as in a shell; empty: all
   Subsampling subsampling = {};     // only every N-th of those, by name
-  // The images are scaled so, and their lens with them. At most one of the two.
+  // The images are scaled so, and their lens with them. At most one of these and what follows.
   std::optional<double> scale = std::nullopt;
   std::optional<PlaneSize> size = std::nullopt;
   // Instead of the cameras: a panorama of this size from each camera's place.
   std::optional<PlaneSize> panorama = std::nullopt;
+  // Instead of each camera: the six faces of a cube around its place, this many pixels wide.
+  std::optional<int> cubemap = std::nullopt;
   // How files are called, without extension: {name}, {dir}, {stem}, {base}, see ExpandPattern, or
   // {index}: the place among the tasks, 00000000.
   std::string pattern = "{dir}/{stem}";
@@ -36,6 +41,11 @@ struct TaskSelection {
 // The views of a COLMAP model. Its warnings are added to `warnings`.
 std::vector<View> ReadModelViews(const std::filesystem::path& model,
                                  std::vector<std::string>& warnings);
+
+// Six pinholes of 90 degrees, "seq/a/front.jpg", right, back, left, up and down of "seq/a.jpg".
+// Front has the camera's axes, the next three are turned to the right about its y axis; up's lower
+// edge and down's upper one are front's.
+std::vector<View> CubeFaces(const View& view, int side_px);
 
 // A sentence where `selection.size` would stretch pictures: is of another shape than they are.
 std::optional<std::string> StretchWarning(const std::vector<View>& views,

@@ -49,6 +49,46 @@ def test_render_perturb_and_compare(tmp_path: Path) -> None:
     assert scaled["scale_percent"] == pytest.approx(10, abs=1)
 
 
+def read_cloud(file: Path) -> NDArray[np.void]:
+    header, rows = file.read_bytes().split(b"end_header\n", 1)
+    types = {"double": "<f8", "float": "<f4", "uchar": "u1"}
+    properties = [line.split()[1:] for line in header.decode().splitlines() if line.startswith("property")]
+    return np.frombuffer(rows, [(name, types[kind]) for kind, name in properties])
+
+
+def test_cubemaps_with_clouds_and_transforms(tmp_path: Path) -> None:
+    cv2 = pytest.importorskip("cv2")
+    raylift.run("render", geometry=MESH, model=DEMO / "model", out=tmp_path, glob="ref/ref_0*", every=4,
+                cubemap=48, products="depth,color,normals,points", format=["points=ply"],
+                camera_files="transforms")
+    images = {image.name: image for image in raylift.ColmapModel.read(DEMO / "model").posed_images}
+    frames = json.loads((tmp_path / "transforms.json").read_text())["frames"]
+    assert {Path(frame["file_path"]).stem for frame in frames} == {"front", "right", "back", "left", "up", "down"}
+    columns, rows = np.meshgrid(np.arange(48) + 0.5, np.arange(48) + 0.5)
+    for frame in frames:
+        depth = np.load(tmp_path / frame["depth_file_path"]).astype(float)
+        assert (frame["fl_x"], frame["fl_y"], frame["cx"], frame["cy"]) == (24, 24, 24, 24)
+        # nerfstudio's cameras look along -z, with y up.
+        rays = np.stack([(columns - frame["cx"]) / frame["fl_x"], -(rows - frame["cy"]) / frame["fl_y"],
+                         -np.ones_like(columns)], axis=-1)
+        matrix = np.array(frame["transform_matrix"])
+        seen = depth > 0
+        points = (depth[..., None] * rays)[seen] @ matrix[:3, :3].T + matrix[:3, 3]
+        stem = Path(frame["file_path"]).relative_to("color").with_suffix("")
+        cloud = read_cloud(tmp_path / "points" / f"{stem}.ply")
+        assert len(cloud) == seen.sum()
+        assert np.stack([cloud[name] for name in "xyz"], -1) == pytest.approx(points, abs=1e-5)
+        normals = np.load(tmp_path / "normals" / f"{stem}.npy")[seen]
+        assert (np.stack([cloud[name] for name in ("nx", "ny", "nz")], -1) == normals).all()
+        color = cv2.imread(str(tmp_path / frame["file_path"]))[seen]
+        assert (np.stack([cloud[name] for name in ("blue", "green", "red")], -1) == color).all()
+        image = next(i for n, i in images.items() if Path(n).with_suffix("") == stem.parent)
+        assert matrix[:3, 3] == pytest.approx(image.cam_from_world.center)
+        if stem.name == "front":
+            turned = image.cam_from_world.matrix[:3, :3].T @ np.diag([1, -1, -1])
+            assert matrix[:3, :3] == pytest.approx(turned, abs=1e-12)
+
+
 def read_pfm(file: Path) -> NDArray[np.float32]:
     """As MVSNet's readers do: the lowest row is the first."""
     kind, size, scale, values = file.read_bytes().split(b"\n", 3)

@@ -91,6 +91,64 @@ TEST(Product, PointsAndInverseDepthAreThoseOfTheDepth) {
   EXPECT_EQ(std::memcmp(bytes.data() + bytes.size() - data, frame.points.data(), data), 0);
 }
 
+// One point of a cloud, as its rows are.
+struct CloudRow {
+  Eigen::Vector3d point;
+  Eigen::Vector3f normal;
+  std::array<uint8_t, 3> rgb;
+};
+
+std::vector<CloudRow> ReadCloudRows(const std::filesystem::path& file) {
+  const std::string bytes = ReadFile(file);
+  constexpr size_t kRowBytes = 39;
+  const std::string_view end = "end_header\n";
+  std::vector<CloudRow> rows;
+  for (size_t i = bytes.find(end) + end.size(); i + kRowBytes <= bytes.size(); i += kRowBytes) {
+    CloudRow& row = rows.emplace_back();
+    std::memcpy(row.point.data(), &bytes[i], 24);
+    std::memcpy(row.normal.data(), &bytes[i + 24], 12);
+    std::memcpy(row.rgb.data(), &bytes[i + 36], 3);
+  }
+  EXPECT_NE(bytes.find("element vertex " + std::to_string(rows.size()) + "\n"), std::string::npos);
+  return rows;
+}
+
+TEST(Product, ACloudHasTheSurfacesPointsWhereCoordinatesAreLarge) {
+  const ProductOutput output{Product::kPoints, "ply"};
+  const Eigen::Vector3d center(5e5, 5.4e6, 100);
+  TriangleMesh mesh = MakeSphere({0, 0, 0}, 1, 40, 80);
+  mesh.origin_in_world = center;
+  const double params[] = {40, 40, 16, 12};
+  const Rigid3 cam_from_world = LookAt(center + Eigen::Vector3d(2, 1, -3), center);
+  for (const auto normals_in :
+       {FrameOptions::NormalsIn::kWorld, FrameOptions::NormalsIn::kCamera}) {
+    FrameOptions options;
+    options.normals_in = normals_in;
+    options.color_options.untextured_rgb = {10, 20, 30};
+    Request(std::span(&output, 1), options);
+    Frame frame;
+    FrameRenderer(std::make_shared<const RayCaster>(std::make_shared<const TriangleMesh>(mesh)),
+                  options)
+        .Render(PixelRays(Camera(CameraModel::kPinhole, 33, 25, params), 1), cam_from_world, 1,
+                frame);
+    const auto file = TestFolder() / "cloud.ply";
+    const WrittenFile written = WriteProduct(file, output, frame, mesh, {});
+    EXPECT_EQ(written.bytes, std::filesystem::file_size(file));
+    const std::vector<CloudRow> rows = ReadCloudRows(file);
+    ASSERT_EQ(rows.size(), frame.num_hits);
+    ASSERT_GT(rows.size(), 100u);
+    const bool world = normals_in == FrameOptions::NormalsIn::kWorld;
+    const Eigen::Vector3d middle = world ? center : cam_from_world * center;
+    for (const CloudRow& row : rows) {
+      // The facets lie up to 0.4 % within the sphere; floats of the coordinates would err by 0.25.
+      const Eigen::Vector3d out = row.point - middle;
+      ASSERT_NEAR(out.norm(), 0.998, 0.0021);
+      ASSERT_GT(out.normalized().dot(row.normal.cast<double>()), 0.996);
+      ASSERT_EQ(row.rgb, (std::array<uint8_t, 3>{10, 20, 30}));
+    }
+  }
+}
+
 TEST(Product, NormalsComeBackFromEveryFormat) {
   const auto folder = TestFolder();
   const Frame frame = RenderSphere();

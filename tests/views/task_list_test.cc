@@ -1,6 +1,8 @@
 #include "views/task_list.h"
 
+#include "base/rng.h"
 #include "support/matchers.h"
+#include "support/meshes.h"
 #include "support/test_data.h"
 #include <gtest/gtest.h>
 
@@ -55,6 +57,94 @@ TEST(SelectTasks, ScalesTheLensWithThePicture) {
   EXPECT_EQ(camera({.panorama = PlaneSize{200, 100}}).ToString(), "EQUIRECTANGULAR 200 100");
   EXPECT_TRUE(
       FailsWithInputError([&] { camera({.scale = 1e-3}); }, {"a.jpg", "pixels times 0.001"}));
+}
+
+Eigen::Vector3d DirectionInWorld(const View& face, const Eigen::Vector2d& pixel) {
+  return face.cam_from_world.rotation.conjugate() * face.camera.lens->RayInCam(pixel).value();
+}
+
+// The faces of a camera that stands somewhere, turned somehow, in the order of CubeFaces().
+std::vector<View> FacesOf(const View& view) {
+  std::vector<View> faces = CubeFaces(view, 64);
+  EXPECT_EQ(faces.size(), 6u);
+  return faces;
+}
+
+View TurnedView() {
+  View view = MakeView("seq/a.color.jpg");
+  view.cam_from_world = LookAt({1, -2, 3}, {4, 0, 5});
+  return view;
+}
+
+TEST(CubeFaces, FrontIsTheCameraAndAllStandAtItsPlace) {
+  const View view = TurnedView();
+  const std::vector<View> faces = FacesOf(view);
+  Strings names;
+  for (const View& face : faces) {
+    names.push_back(face.name);
+    EXPECT_EQ(face.camera.ToString(), "SIMPLE_PINHOLE 64 64 32 32 32");
+    EXPECT_TRUE(face.cam_from_world.OriginInSource().isApprox(Eigen::Vector3d(1, -2, 3), 1e-14));
+  }
+  EXPECT_EQ(names,
+            (Strings{"seq/a.color/front.jpg", "seq/a.color/right.jpg", "seq/a.color/back.jpg",
+                     "seq/a.color/left.jpg", "seq/a.color/up.jpg", "seq/a.color/down.jpg"}));
+  EXPECT_TRUE(IsNearPose(faces[0].cam_from_world, view.cam_from_world, 1e-6, 1e-12));
+  // What is to the right of the camera is ahead of `right`, and what is above it ahead of `up`.
+  const Eigen::Matrix3d world_from_cam =
+      view.cam_from_world.rotation.conjugate().toRotationMatrix();
+  const Eigen::Vector2d middle(32, 32);
+  const auto looks = [&](size_t face, const Eigen::Vector3d& in_cam) {
+    return DirectionInWorld(faces[face], middle).isApprox(world_from_cam * in_cam, 1e-14);
+  };
+  EXPECT_TRUE(looks(1, Eigen::Vector3d::UnitX()));
+  EXPECT_TRUE(looks(2, -Eigen::Vector3d::UnitZ()));
+  EXPECT_TRUE(looks(3, -Eigen::Vector3d::UnitX()));
+  EXPECT_TRUE(looks(4, -Eigen::Vector3d::UnitY()));
+  EXPECT_TRUE(looks(5, Eigen::Vector3d::UnitY()));
+}
+
+TEST(CubeFaces, EdgesMeetAsStated) {
+  const std::vector<View> faces = FacesOf(TurnedView());
+  for (double along = 0; along <= 64; along += 8) {
+    const auto meet = [&](size_t a, const Eigen::Vector2d& in_a, size_t b,
+                          const Eigen::Vector2d& in_b) {
+      return DirectionInWorld(faces[a], in_a)
+          .normalized()
+          .isApprox(DirectionInWorld(faces[b], in_b).normalized(), 1e-14);
+    };
+    for (size_t k = 0; k < 4; ++k) {
+      EXPECT_TRUE(meet(k, {64, along}, (k + 1) % 4, {0, along})) << k << " " << along;
+    }
+    EXPECT_TRUE(meet(4, {along, 64}, 0, {along, 0})) << along;
+    EXPECT_TRUE(meet(5, {along, 0}, 0, {along, 64})) << along;
+  }
+}
+
+TEST(CubeFaces, EachDirectionIsSeenByOne) {
+  const std::vector<View> faces = FacesOf(TurnedView());
+  Rng rng(3);
+  for (int i = 0; i < 1000; ++i) {
+    const Eigen::Vector3d direction(rng.Normal(), rng.Normal(), rng.Normal());
+    int seen = 0;
+    for (const View& face : faces) {
+      const auto pixel =
+          face.camera.lens->ImgFromCam(face.cam_from_world.rotation * direction.normalized());
+      seen += pixel && face.camera.lens->Contains(*pixel) ? 1 : 0;
+    }
+    EXPECT_EQ(seen, 1) << direction.transpose();
+  }
+}
+
+TEST(SelectTasks, ACubemapHasSixTasksOfEachImageThatIsSelected) {
+  const auto tasks = SelectTasks(Views({"s/a.jpg", "s/b.jpg", "s/c.jpg"}),
+                                 {.subsampling = {.every = 2}, .cubemap = 8});
+  ASSERT_EQ(tasks.size(), 12u);
+  EXPECT_EQ(tasks.front().view.name, "s/a/back.jpg");
+  EXPECT_EQ(tasks.front().stem, "s/a/back");
+  EXPECT_EQ(tasks.back().stem, "s/c/up");
+  EXPECT_TRUE(ModelOf(tasks).has_value());
+  EXPECT_EQ(SelectTasks(Views({"a.jpg"}), {.cubemap = 8, .pattern = "{index}"}).back().stem,
+            "00000005");
 }
 
 TEST(StretchWarning, IsGivenWhereTheShapeChangesByMoreThanRounding) {

@@ -51,6 +51,10 @@ struct FrameOptions {
   bool incidence = false;
   bool mask = false;
 
+  // Points of the world are given from the camera's center on, which Frame::points_origin has: far
+  // from the world's origin floats hold these alone.
+  bool points_from_center = false;
+
   enum class NormalsIn { kWorld, kCamera };
   NormalsIn normals_in = NormalsIn::kWorld;  // points as well
   ColorOptions color_options;
@@ -72,6 +76,8 @@ struct Frame {
   std::vector<float> depth;     // z along the optical axis (a panorama: the distance); 0 = none
   std::vector<float> distance;  // along the ray; 0 = none
   std::vector<float> points;    // x, y, z per pixel; NaN = none
+  // Is to be added to the points.
+  Eigen::Vector3d points_origin = Eigen::Vector3d::Zero();
   // x, y, z per pixel: the triangle's unit normal on the side that the camera sees; 0 = none.
   std::vector<float> normals;
   Image color;

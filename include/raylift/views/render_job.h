@@ -81,8 +81,13 @@ struct ProductOutput {
   std::string format;  // one of FormatsOf(product); also the files' extension
 };
 
+// Holds colors: a picture, or a cloud of points, which has normals as well.
+inline bool HasColors(const ProductOutput& output) {
+  return output.product == Product::kColor || output.format == "ply";
+}
+
 // The formats that can hold a product, the default first: of "npy", "exr", "npz", "png", "tiff",
-// "bin" (COLMAP), "pfm", "jpg".
+// "bin" (COLMAP), "pfm", "jpg", "ply".
 std::span<const std::string_view> FormatsOf(Product product);
 
 // Returns the names of an EXR file's channels, separated by commas.
