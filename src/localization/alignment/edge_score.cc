@@ -234,7 +234,8 @@ void AddCovarianceByResampling(const EdgeImage& image, std::span<const SceneEdge
     for (size_t k = 0; k < edges.size(); ++k) {
       resampled[k].length_px = edges[k].length_px * weights[blocks[k]];
     }
-    const auto other = FitEdges(image, resampled, prior, fit.cam_from_world, reach_px);
+    auto other = FitEdges(image, resampled, prior, fit.cam_from_world, 2 * reach_px);
+    if (other) other = FitEdges(image, resampled, prior, other->cam_from_world, reach_px);
     if (!other) continue;
     const Vector6d step = StepBetween(fit.cam_from_world, other->cam_from_world);
     scatter += step * step.transpose();

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstddef>
 #include <numbers>
 #include <optional>
 #include <span>
@@ -36,8 +37,8 @@ constexpr int kExploreCellPx = 2;
 constexpr double kExploreSigmaPx = 1.5;
 // A position serves those around it up to so many pixels of motion, most of which turns undo.
 constexpr double kSpacingPx = 12;
-constexpr double kFewestPositions = 40;
-constexpr double kMostPositions = 250;
+constexpr size_t kFewestPositions = 40;
+constexpr size_t kMostPositions = 250;
 // As many of the best turns of each position are moved, as many of the best poses looked at again
 // and fitted, and as many modes are left then.
 constexpr size_t kTurnsEach = 2;
@@ -45,6 +46,8 @@ constexpr size_t kPromising = 40;
 constexpr size_t kModesAround = 4;
 constexpr size_t kAround = 24;
 constexpr size_t kModes = 6;
+// The best modes of the mirrored photograph, which tell what chance explains.
+constexpr size_t kChanceModes = 10;
 // As many standard deviations of the prior are looked at.
 constexpr double kFarthest = 2.5;
 // Edges of the photograph are looked for so far from those of the scene.
@@ -68,6 +71,48 @@ double ChanceOf(const CellScores& scores) {
   const double squares = scores.square().sum();
   if (!(squares > 0)) return 0.5;
   return 0.5 * std::erfc(scores.sum() / std::sqrt(2 * squares));
+}
+
+// What the cells of a score, taken for independent, say it is at the least: all but once in 44.
+double LeastScore(const CellScores& cells) {
+  return cells.sum() - 2 * std::sqrt(cells.square().sum());
+}
+
+// The probability that a search finds a mode as good as this by chance, of which the best ones of a
+// search from so many times fewer positions are given, best first. The largest of many are above a
+// threshold as often as a Poisson process says, by amounts that are distributed exponentially; their
+// mean being known from so many, the exponential becomes a power.
+double ChanceOfScore(double score, std::span<const double> by_chance, double times) {
+  if (by_chance.size() < 3) return 1;
+  const size_t num_above = std::min(kChanceModes, by_chance.size() - 1);
+  const auto count = static_cast<double>(num_above);
+  const double threshold = by_chance[num_above];
+  double mean = 0;
+  for (const double above : by_chance.first(num_above)) mean += (above - threshold) / count;
+  if (!(mean > 0) || score < threshold) return 1;
+  const double expected =
+      times * count * std::pow(1 + (score - threshold) / (count * mean), -count);
+  return -std::expm1(-expected);
+}
+
+// The least probability that it was chance, if it was so or not with equal odds before and a search
+// gives so good a mode with the probability p by chance: the odds are at least -e p log p (Sellke,
+// Bayarri, Berger 2001).
+double ProbabilityOfChance(double p) {
+  if (!(p < 1 / std::numbers::e)) return 1;
+  if (!(p > 0)) return 0;
+  const double odds = -std::numbers::e * p * std::log(p);
+  return odds / (1 + odds);
+}
+
+Image Mirrored(const Image& gray) {
+  Image mirrored = gray;
+  const auto width = static_cast<size_t>(gray.width_px);
+  for (size_t row = 0; row < mirrored.data.size(); row += width) {
+    std::reverse(mirrored.data.begin() + static_cast<std::ptrdiff_t>(row),
+                 mirrored.data.begin() + static_cast<std::ptrdiff_t>(row + width));
+  }
+  return mirrored;
 }
 
 // The i-th of numbers in (0, 1) that fill the space of three axes evenly: multiples of the powers
@@ -185,8 +230,12 @@ void AddCovarianceOfModes(std::vector<EdgeMode>& modes, double turn_rad, double 
 
 class Search {
  public:
-  Search(const std::shared_ptr<const RayCaster>& mesh, const PosePrior& prior, uint64_t seed)
-      : renderer_(mesh, FrameOfEdges()), prior_(prior), rng_(seed) {}
+  Search(const std::shared_ptr<const RayCaster>& mesh, const Camera& camera, const PosePrior& prior,
+         uint64_t seed)
+      : renderer_(mesh, FrameOfEdges()), prior_(prior), rng_(seed) {
+    EdgesFrom(PixelRays(camera, 1), prior_.cam_from_world, 0);
+    distance_ = MedianDistance(frame_);
+  }
 
   std::vector<SceneEdge> EdgesFrom(const PixelRays& rays, const Rigid3& pose, size_t most) {
     renderer_.Render(rays, pose, 1, frame_);
@@ -195,6 +244,11 @@ class Search {
 
   double Score(const EdgeImage& image, std::span<const SceneEdge> edges, const Rigid3& pose) const {
     return EdgeScore(image, edges, pose) + LogPrior(prior_, pose);
+  }
+
+  double LeastScoreAt(const EdgeImage& image, const Rigid3& pose) {
+    const auto edges = EdgesFrom(PixelRays(image.camera(), 1), pose, kCoarseEdges);
+    return LeastScore(EdgeScoreByCell(image, edges, pose));
   }
 
   Scored WithPrior(const EdgeTurns::Scored& turned) const {
@@ -238,21 +292,18 @@ class Search {
   }
 
   // The distance over which a position serves.
-  double Spacing(const EdgeImage& image) {
-    EdgesFrom(PixelRays(image.camera(), 1), prior_.cam_from_world, 0);
-    distance_ = MedianDistance(frame_);
-    return kSpacingPx / image.camera().MeanFocalPx() * distance_;
+  double Spacing(const Camera& camera) const {
+    return kSpacingPx / camera.MeanFocalPx() * distance_;
   }
 
   // Poses with the prior's rotation at positions that are spread over it: as many as spaces fill
   // the volume of a normal distribution. The mean squared distance to the next one is least if
   // their density goes with the power 3 / 5 of the prior's (Zador).
-  std::vector<Rigid3> SpreadOverPrior(double spacing) const {
+  size_t NumPositions(double spacing) const {
     const double volume =
         std::pow(2 * std::numbers::pi, 1.5) * prior_.sigma_position.prod() / std::pow(spacing, 3);
-    const double count = std::clamp(volume, kFewestPositions, kMostPositions);
-    return SpreadAround(prior_.cam_from_world, std::sqrt(5.0 / 3) * prior_.sigma_position,
-                        static_cast<size_t>(count));
+    return static_cast<size_t>(
+        std::clamp(volume, double{kFewestPositions}, double{kMostPositions}));
   }
 
   // Moves each of the best poses by what is seen from it.
@@ -268,14 +319,14 @@ class Search {
 
   // Looks for poses within the prior and fits them, and then all around the best of these, which
   // may have been drawn to the next edges but one.
-  std::vector<Scored> Modes(const EdgeImage& smooth, const EdgeImage& sharp) {
-    const double spacing = Spacing(smooth);
+  std::vector<Scored> Modes(const EdgeImage& smooth, const EdgeImage& sharp, size_t positions) {
+    const double spacing = Spacing(smooth.camera());
     const EdgeTurns widely(smooth, kExploreCellPx, kFarthest * prior_.sigma_deg * kRadPerDeg);
     const EdgeTurns narrowly(smooth, kExploreCellPx, widely.ReachRad());
     const EdgeTurns coarse(smooth, kExploreCellPx, 0);
     const EdgeTurns fine(sharp, 1, 0);
-    const std::vector<Rigid3> from = SpreadOverPrior(spacing);
-    num_tried_ = from.size() * widely.NumTried();
+    const std::vector<Rigid3> from =
+        SpreadAround(prior_.cam_from_world, std::sqrt(5.0 / 3) * prior_.sigma_position, positions);
     std::vector<Scored> poses = Explore(widely, from, spacing);
     LookAgain(coarse, spacing / 2, 4 * kPromising, poses);
     LookAgain(coarse, spacing / 4, 2 * kPromising, poses);
@@ -291,7 +342,7 @@ class Search {
     }
     LookAgain(fine, spacing / 8, kPromising / 2, around);
     poses.insert(poses.end(), around.begin(), around.end());
-    Improve(sharp, kModes, poses);
+    Improve(sharp, kPromising, poses);
     return poses;
   }
 
@@ -313,7 +364,7 @@ class Search {
 
   // Fits each pose at the finest size.
   FoundByEdges Finish(const EdgeImage& image, std::span<const Scored> poses) {
-    FoundByEdges found{.modes = {}, .num_tried = num_tried_};
+    FoundByEdges found;
     const PixelRays rays(image.camera(), 1);
     for (const Scored& scored : poses) {
       if (auto mode = ModeFrom(image, rays, scored.cam_from_world)) {
@@ -351,24 +402,38 @@ class Search {
   Rng rng_;
   Frame frame_;
   double distance_ = 0;  // of what is seen from the prior, the median
-  size_t num_tried_ = 0;
 };
 
 }  // namespace
 
 FoundByEdges SearchByEdges(const std::shared_ptr<const RayCaster>& mesh, const Image& gray,
                            const Camera& camera, const PosePrior& prior, uint64_t seed) {
-  Search search(mesh, prior, seed);
-  const EdgeImage coarse = ImageAt(gray, camera, kCoarsePx, 1);
-  const auto poses = search.Modes(ImageAt(gray, camera, kCoarsePx, kExploreSigmaPx), coarse);
-  const EdgeImage image = ImageAt(gray, camera, kFinestPx, 1);
-  return search.Finish(image, poses);
+  const EdgeImage smooth = ImageAt(gray, camera, kCoarsePx, kExploreSigmaPx);
+  const EdgeImage sharp = ImageAt(gray, camera, kCoarsePx, 1);
+  Search search(mesh, sharp.camera(), prior, seed);
+  const size_t positions = search.NumPositions(search.Spacing(sharp.camera()));
+  const auto poses = search.Modes(smooth, sharp, positions);
+  FoundByEdges found = search.Finish(ImageAt(gray, camera, kFinestPx, 1),
+                                     std::span(poses).first(std::min(kModes, poses.size())));
+  if (found.modes.empty()) return found;
+  const Image mirrored = Mirrored(gray);
+  const EdgeImage sharp_mirrored = ImageAt(mirrored, camera, kCoarsePx, 1);
+  std::vector<double> by_chance;
+  for (const Scored& mode : search.Modes(ImageAt(mirrored, camera, kCoarsePx, kExploreSigmaPx),
+                                         sharp_mirrored, kFewestPositions)) {
+    by_chance.push_back(search.LeastScoreAt(sharp_mirrored, mode.cam_from_world));
+  }
+  std::sort(by_chance.rbegin(), by_chance.rend());
+  found.chance = ProbabilityOfChance(
+      ChanceOfScore(search.LeastScoreAt(sharp, found.modes.front().fit.cam_from_world), by_chance,
+                    static_cast<double>(positions) / kFewestPositions));
+  return found;
 }
 
 double ConfidenceOf(const FoundByEdges& found) {
   if (found.modes.empty()) return 0;
   const EdgeMode& best = found.modes.front();
-  double right = std::max(0.0, 1 - static_cast<double>(found.num_tried) * ChanceOf(best.cells));
+  double right = 1 - found.chance;
   for (size_t i = 1; i < found.modes.size(); ++i) {
     const EdgeMode& other = found.modes[i];
     const Vector6d step = StepBetween(best.fit.cam_from_world, other.fit.cam_from_world);

@@ -22,18 +22,18 @@ struct EdgeMode {
 
 struct FoundByEdges {
   std::vector<EdgeMode> modes;  // best first; none where the scene shows too few edges
-  size_t num_tried = 0;         // poses at the coarsest size, each drawn by itself
+  double chance = 1;            // the probability that the best one is chance
 };
 
-// Looks for the modes within the prior. The same for the same seed.
+// Looks for the modes within the prior, and for those of the mirrored photograph, which has edges
+// like the photograph's but no pose: they tell what chance explains. The same for the same seed.
 FoundByEdges SearchByEdges(const std::shared_ptr<const RayCaster>& mesh, const Image& gray,
                            const Camera& camera, const PosePrior& prior, uint64_t seed);
 
 // The probability that the best mode is right. The cells of the picture are taken for independent;
 // with z = sum / sqrt(sum of squares) of their scores, or of their differences between two modes,
 // and Q the normal distribution's tail, it is
-//   (1 - tried Q(z)) product over the other modes of (1 - Q(z of the difference)),
-// the first being what chance alone would give among as many poses as were tried.
+//   (1 - chance) product over the other modes of (1 - Q(z of the difference)).
 double ConfidenceOf(const FoundByEdges& found);
 
 }  // namespace raylift
