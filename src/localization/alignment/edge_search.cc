@@ -80,8 +80,8 @@ double LeastScore(const CellScores& cells) {
 
 // The probability that a search finds a mode as good as this by chance, of which the best ones of a
 // search from so many times fewer positions are given, best first. The largest of many are above a
-// threshold as often as a Poisson process says, by amounts that are distributed exponentially; their
-// mean being known from so many, the exponential becomes a power.
+// threshold as often as a Poisson process says, by amounts that are distributed exponentially. Their
+// mean is known from so many of them alone, which makes a power of the exponential.
 double ChanceOfScore(double score, std::span<const double> by_chance, double times) {
   if (by_chance.size() < 3) return 1;
   const size_t num_above = std::min(kChanceModes, by_chance.size() - 1);
