@@ -127,7 +127,11 @@ class Rounds {
     auto sharper = EstimateOf(
         AddPatches(found->problem, CameraOf(query_, rough), *rough.cam_from_world, round),
         estimator, min_confidence);
-    if (!sharper) return found;
+    // Patches that do not support their own pose better leave the features' one.
+    if (!sharper ||
+        !(Support(sharper->problem, sharper->estimate) > Support(sharper->problem, rough))) {
+      return found;
+    }
     LimitConfidence(found->estimate, sharper->estimate);
     return sharper;
   }
