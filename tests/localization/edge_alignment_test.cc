@@ -90,6 +90,7 @@ TEST(EdgeTurns, FindTheTurnOfABox) {
   EXPECT_THROW(EdgeTurns(image, 1, std::numbers::pi), InputError);
   EXPECT_THROW(EdgeTurns(image, 1, 1e300), InputError);
   const EdgeTurns turns(image, 1, 0.2);
+  EXPECT_GT(turns.NumTried(), 1000u);
   const std::vector<SceneEdge> edges = SceneEdges(frame, rays, pose, 10000);
   const Eigen::Quaterniond turn = RotationFromVector({0.06, -0.1, 0.08});
   const Eigen::Quaterniond turned = turn * pose.rotation;

@@ -46,8 +46,10 @@ constexpr size_t kPromising = 40;
 constexpr size_t kModesAround = 4;
 constexpr size_t kAround = 24;
 constexpr size_t kModes = 6;
-// The best modes of the mirrored photograph, which tell what chance explains.
+// As many of the best modes that chance gives tell how fast better ones become rarer.
 constexpr size_t kChanceModes = 10;
+// Pictures that no pose explains are looked for from so many positions each.
+constexpr size_t kChancePositions = kFewestPositions / 2;
 // As many standard deviations of the prior are looked at.
 constexpr double kFarthest = 2.5;
 // Edges of the photograph are looked for so far from those of the scene.
@@ -79,9 +81,9 @@ double LeastScore(const CellScores& cells) {
 }
 
 // The probability that a search finds a mode as good as this by chance, of which the best ones of a
-// search from so many times fewer positions are given, best first. The largest of many are above a
-// threshold as often as a Poisson process says, by amounts that are distributed exponentially. Their
-// mean is known from so many of them alone, which makes a power of the exponential.
+// search from so many times fewer positions are given, best first. The largest of many exceed a
+// threshold as often as a Poisson process says, by amounts that are distributed exponentially. As
+// their mean is known from so many of them alone, the exponential becomes a power.
 double ChanceOfScore(double score, std::span<const double> by_chance, double times) {
   if (by_chance.size() < 3) return 1;
   const size_t num_above = std::min(kChanceModes, by_chance.size() - 1);
@@ -90,29 +92,45 @@ double ChanceOfScore(double score, std::span<const double> by_chance, double tim
   double mean = 0;
   for (const double above : by_chance.first(num_above)) mean += (above - threshold) / count;
   if (!(mean > 0) || score < threshold) return 1;
-  const double expected =
-      times * count * std::pow(1 + (score - threshold) / (count * mean), -count);
-  return -std::expm1(-expected);
+  const auto is_as_good = [score](double other) { return other >= score; };
+  const auto as_good =
+      static_cast<double>(std::count_if(by_chance.begin(), by_chance.end(), is_as_good));
+  const double expected = count * std::pow(1 + (score - threshold) / (count * mean), -count);
+  return -std::expm1(-times * std::max(as_good, expected));
 }
 
 // The least probability that it was chance, if it was so or not with equal odds before and a search
 // gives so good a mode with the probability p by chance: the odds are at least -e p log p (Sellke,
 // Bayarri, Berger 2001).
-double ProbabilityOfChance(double p) {
+double LeastProbabilityOfChance(double p) {
   if (!(p < 1 / std::numbers::e)) return 1;
   if (!(p > 0)) return 0;
   const double odds = -std::numbers::e * p * std::log(p);
   return odds / (1 + odds);
 }
 
-Image Mirrored(const Image& gray) {
-  Image mirrored = gray;
-  const auto width = static_cast<size_t>(gray.width_px);
-  for (size_t row = 0; row < mirrored.data.size(); row += width) {
-    std::reverse(mirrored.data.begin() + static_cast<std::ptrdiff_t>(row),
-                 mirrored.data.begin() + static_cast<std::ptrdiff_t>(row + width));
-  }
-  return mirrored;
+// Pictures that have edges like the photograph's but show no place from any pose nearby. The first
+// keeps what is level or upright, and where the horizon is; the second keeps all directions,
+// however the camera is rolled.
+enum class NoPlace { kMirrored, kUpsideDown };
+
+Image Flipped(const Image& gray, NoPlace kind) {
+  const cv::Mat from(gray.height_px, gray.width_px, CV_8U, const_cast<uint8_t*>(gray.data.data()));
+  Image flipped = gray;
+  cv::Mat to(gray.height_px, gray.width_px, CV_8U, flipped.data.data());
+  cv::flip(from, to, kind == NoPlace::kMirrored ? 1 : -1);
+  return flipped;
+}
+
+// The lens of such a picture, but for what it has that is not symmetric.
+Camera Flipped(const Camera& camera, NoPlace kind) {
+  std::vector<double> params(camera.params().begin(), camera.params().end());
+  const int center = GetCameraModelInfo(camera.model()).num_focal_lengths;
+  if (center == 0) return camera;
+  const auto x = static_cast<size_t>(center);
+  params[x] = camera.width_px() - params[x];
+  if (kind == NoPlace::kUpsideDown) params[x + 1] = camera.height_px() - params[x + 1];
+  return {camera.model(), camera.width_px(), camera.height_px(), params};
 }
 
 // The i-th of numbers in (0, 1) that fill the space of three axes evenly: multiples of the powers
@@ -233,9 +251,17 @@ class Search {
   Search(const std::shared_ptr<const RayCaster>& mesh, const Camera& camera, const PosePrior& prior,
          uint64_t seed)
       : renderer_(mesh, FrameOfEdges()), prior_(prior), rng_(seed) {
-    EdgesFrom(PixelRays(camera, 1), prior_.cam_from_world, 0);
-    distance_ = MedianDistance(frame_);
+    const PixelRays rays(camera, 1);
+    for (const Rigid3& pose : FromPositions(kFewestPositions)) {
+      EdgesFrom(rays, pose, 0);
+      distance_ = MedianDistance(frame_);
+      if (SeesAnything()) break;
+    }
   }
+
+  bool SeesAnything() const { return distance_ > 0; }
+  double distance() const { return distance_; }
+  size_t num_tried() const { return num_tried_; }
 
   std::vector<SceneEdge> EdgesFrom(const PixelRays& rays, const Rigid3& pose, size_t most) {
     renderer_.Render(rays, pose, 1, frame_);
@@ -296,9 +322,13 @@ class Search {
     return kSpacingPx / camera.MeanFocalPx() * distance_;
   }
 
-  // Poses with the prior's rotation at positions that are spread over it: as many as spaces fill
-  // the volume of a normal distribution. The mean squared distance to the next one is least if
-  // their density goes with the power 3 / 5 of the prior's (Zador).
+  // Poses with the prior's rotation at positions that are spread over it. The mean squared distance
+  // to the next one is least if their density goes with the power 3 / 5 of the prior's (Zador).
+  std::vector<Rigid3> FromPositions(size_t count) const {
+    return SpreadAround(prior_.cam_from_world, std::sqrt(5.0 / 3) * prior_.sigma_position, count);
+  }
+
+  // As many as spaces fill the volume of a normal distribution.
   size_t NumPositions(double spacing) const {
     const double volume =
         std::pow(2 * std::numbers::pi, 1.5) * prior_.sigma_position.prod() / std::pow(spacing, 3);
@@ -325,9 +355,8 @@ class Search {
     const EdgeTurns narrowly(smooth, kExploreCellPx, widely.ReachRad());
     const EdgeTurns coarse(smooth, kExploreCellPx, 0);
     const EdgeTurns fine(sharp, 1, 0);
-    const std::vector<Rigid3> from =
-        SpreadAround(prior_.cam_from_world, std::sqrt(5.0 / 3) * prior_.sigma_position, positions);
-    std::vector<Scored> poses = Explore(widely, from, spacing);
+    num_tried_ = positions * widely.NumTried();
+    std::vector<Scored> poses = Explore(widely, FromPositions(positions), spacing);
     LookAgain(coarse, spacing / 2, 4 * kPromising, poses);
     LookAgain(coarse, spacing / 4, 2 * kPromising, poses);
     LookAgain(fine, spacing / 4, kPromising, poses);
@@ -402,7 +431,35 @@ class Search {
   Rng rng_;
   Frame frame_;
   double distance_ = 0;  // of what is seen from the prior, the median
+  size_t num_tried_ = 0;
 };
+
+// What is searched for by chance is at least so wide that there are several places to be.
+PosePrior Widened(PosePrior prior, double turn_rad, double distance) {
+  prior.sigma_deg = std::max(prior.sigma_deg, turn_rad / kRadPerDeg);
+  prior.sigma_position = prior.sigma_position.cwiseMax(turn_rad * distance);
+  return prior;
+}
+
+// The least scores of the modes of pictures that show no place, best first.
+std::vector<double> ScoresByChance(const std::shared_ptr<const RayCaster>& mesh, const Image& gray,
+                                   const Camera& camera, const PosePrior& prior, double mode_rad,
+                                   uint64_t seed) {
+  std::vector<double> scores;
+  for (const NoPlace kind : {NoPlace::kMirrored, NoPlace::kUpsideDown}) {
+    const Image flipped = Flipped(gray, kind);
+    const Camera lens = Flipped(camera, kind);
+    const EdgeImage sharp = ImageAt(flipped, lens, kCoarsePx, 1);
+    Search search(mesh, sharp.camera(), prior, seed);
+    const auto modes =
+        search.Modes(ImageAt(flipped, lens, kCoarsePx, kExploreSigmaPx), sharp, kChancePositions);
+    for (const Scored& mode : Distinct(modes, kPromising, mode_rad, search.distance())) {
+      scores.push_back(search.LeastScoreAt(sharp, mode.cam_from_world));
+    }
+  }
+  std::sort(scores.rbegin(), scores.rend());
+  return scores;
+}
 
 }  // namespace
 
@@ -410,23 +467,23 @@ FoundByEdges SearchByEdges(const std::shared_ptr<const RayCaster>& mesh, const I
                            const Camera& camera, const PosePrior& prior, uint64_t seed) {
   const EdgeImage smooth = ImageAt(gray, camera, kCoarsePx, kExploreSigmaPx);
   const EdgeImage sharp = ImageAt(gray, camera, kCoarsePx, 1);
+  const EdgeImage finest = ImageAt(gray, camera, kFinestPx, 1);
   Search search(mesh, sharp.camera(), prior, seed);
+  if (!search.SeesAnything()) return {};
   const size_t positions = search.NumPositions(search.Spacing(sharp.camera()));
   const auto poses = search.Modes(smooth, sharp, positions);
-  FoundByEdges found = search.Finish(ImageAt(gray, camera, kFinestPx, 1),
-                                     std::span(poses).first(std::min(kModes, poses.size())));
+  FoundByEdges found =
+      search.Finish(finest, std::span(poses).first(std::min(kModes, poses.size())));
   if (found.modes.empty()) return found;
-  const Image mirrored = Mirrored(gray);
-  const EdgeImage sharp_mirrored = ImageAt(mirrored, camera, kCoarsePx, 1);
-  std::vector<double> by_chance;
-  for (const Scored& mode : search.Modes(ImageAt(mirrored, camera, kCoarsePx, kExploreSigmaPx),
-                                         sharp_mirrored, kFewestPositions)) {
-    by_chance.push_back(search.LeastScoreAt(sharp_mirrored, mode.cam_from_world));
-  }
-  std::sort(by_chance.rbegin(), by_chance.rend());
-  found.chance = ProbabilityOfChance(
-      ChanceOfScore(search.LeastScoreAt(sharp, found.modes.front().fit.cam_from_world), by_chance,
-                    static_cast<double>(positions) / kFewestPositions));
+  const double mode_rad = kModePx / finest.camera().MeanFocalPx();
+  const auto by_chance = ScoresByChance(
+      mesh, gray, camera, Widened(prior, 2 * mode_rad, search.distance()), mode_rad, seed);
+  const EdgeMode& best = found.modes.front();
+  const double as_pictures_say = LeastProbabilityOfChance(
+      ChanceOfScore(search.LeastScoreAt(sharp, best.fit.cam_from_world), by_chance,
+                    static_cast<double>(positions) / kChancePositions));
+  const double of_all_tried = static_cast<double>(search.num_tried()) * ChanceOf(best.cells);
+  found.chance = std::min(as_pictures_say, of_all_tried);
   return found;
 }
 

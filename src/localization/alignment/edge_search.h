@@ -22,18 +22,22 @@ struct EdgeMode {
 
 struct FoundByEdges {
   std::vector<EdgeMode> modes;  // best first; none where the scene shows too few edges
-  double chance = 1;            // the probability that the best one is chance
+  // The probability that the best one is chance, the smaller of two bounds: by how many poses were
+  // tried, cells showing their edges or not with equal odds, and by the modes of pictures that show
+  // no place.
+  double chance = 1;
 };
 
-// Looks for the modes within the prior, and for those of the mirrored photograph, which has edges
-// like the photograph's but no pose: they tell what chance explains. The same for the same seed.
+// Looks for the modes within the prior, and for those of the photograph mirrored and upside down:
+// they have its edges and no pose, but where the scene is as symmetric, and tell what chance
+// explains. The same for the same seed.
 FoundByEdges SearchByEdges(const std::shared_ptr<const RayCaster>& mesh, const Image& gray,
                            const Camera& camera, const PosePrior& prior, uint64_t seed);
 
 // The probability that the best mode is right. The cells of the picture are taken for independent;
-// with z = sum / sqrt(sum of squares) of their scores, or of their differences between two modes,
-// and Q the normal distribution's tail, it is
-//   (1 - chance) product over the other modes of (1 - Q(z of the difference)).
+// with z = sum / sqrt(sum of squares) of the differences of their scores between two modes, and Q
+// the normal distribution's tail, it is
+//   (1 - chance) product over the other modes of (1 - Q(z)).
 double ConfidenceOf(const FoundByEdges& found);
 
 }  // namespace raylift

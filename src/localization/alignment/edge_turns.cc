@@ -151,4 +151,9 @@ std::vector<EdgeTurns::Scored> EdgeTurns::BestOfWindows(std::span<const SceneEdg
   return best;
 }
 
+size_t EdgeTurns::NumTried() const {
+  constexpr size_t kWidth = 3;  // of the evidence for an edge
+  return turns_.size() * (kWindow / kWidth) * (kWindow / kWidth);
+}
+
 }  // namespace raylift

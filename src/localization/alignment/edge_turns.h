@@ -48,6 +48,9 @@ class EdgeTurns {
   std::vector<Scored> BestOfWindows(std::span<const SceneEdge> edges,
                                     const Rigid3& cam_from_world) const;
 
+  // How many turns are scored that differ by more than edges are wide.
+  size_t NumTried() const;
+
  private:
   static constexpr int kWindow = 16;  // turns per side of a window
 
