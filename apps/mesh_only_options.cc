@@ -65,8 +65,9 @@ void AddMeshOnlyOptions(CLI::App& command, MeshOnlyFlags& flags) {
   const OptionGroup estimator(command, "Estimator");
   estimator.Add("--rerender", flags.rerender,
                 "Rounds of rendering the mesh (or splats) from the estimated pose, matching\n"
-                "the query with that and estimating again; a pose is kept where the 2D-3D\n"
-                "matches support it better. For what looks like the photographs");
+                "the query with that by features and by patches and estimating again; a pose is\n"
+                "kept where the 2D-3D matches support it better. For what looks like the\n"
+                "photographs");
 }
 
 void RequireMeshOnly(std::span<const std::string> geometry, std::string_view needless,

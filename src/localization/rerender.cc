@@ -123,17 +123,20 @@ class Rounds {
     if (!found) return std::nullopt;
     const bool is_better =
         Support(found->problem, found->estimate) > Support(found->problem, before);
-    const PoseEstimate& rough = is_better ? found->estimate : before;
+    const PoseEstimate rough = is_better ? found->estimate : before;
     auto sharper = EstimateOf(
         AddPatches(found->problem, CameraOf(query_, rough), *rough.cam_from_world, round),
         estimator, min_confidence);
-    // Patches that do not support their own pose better leave the features' one.
+    // Patches that support their own pose less leave the features' one.
     if (!sharper ||
-        !(Support(sharper->problem, sharper->estimate) > Support(sharper->problem, rough))) {
+        Support(sharper->problem, sharper->estimate) < Support(sharper->problem, rough)) {
       return found;
     }
-    LimitConfidence(found->estimate, sharper->estimate);
-    return sharper;
+    LimitConfidence(rough, sharper->estimate);
+    const auto is_sure = [](const Candidate& candidate) {
+      return candidate.estimate.verdict == PoseVerdict::kLocalized;
+    };
+    return is_sure(*found) && !is_sure(*sharper) ? found : sharper;
   }
 
   double Support(const PoseProblem& problem, const PoseEstimate& estimate) const {
