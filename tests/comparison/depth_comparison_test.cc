@@ -171,6 +171,19 @@ TEST(CompareDepth, MatchesTellScalesWithoutATruth) {
   ASSERT_THAT(comparison.sources[1].findings, SizeIs(::testing::Ge(1u)));
   EXPECT_EQ(comparison.sources[1].findings.front().fault, DepthFault::kScale);
   EXPECT_NEAR(std::exp(comparison.sources[1].findings.front().amount), 1.1, 0.01);
+
+  // Off the epipolar lines they say nothing of depth.
+  std::vector<ReferenceMatch> with_wrong = matches;
+  for (size_t i = 0; i < matches.size(); i += 4) {
+    with_wrong.push_back(matches[i]);
+    with_wrong.back().b_px += Eigen::Vector2d(25, i % 8 == 0 ? 25 : -25);
+  }
+  const DepthComparison again = CompareDepth(sources, room.images, with_wrong, {});
+  const auto count = [](const DepthComparison& c) {
+    return static_cast<double>(c.sources[0].matches.value().count);
+  };
+  // 35 px in any direction are within 3 px of a line by a chance of 5 %.
+  EXPECT_LT(count(again), count(comparison) + 0.1 * static_cast<double>(matches.size() / 4));
 }
 
 // One image with a few wrong matches does not weigh as much as one with thousands.

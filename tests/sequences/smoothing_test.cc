@@ -1,6 +1,7 @@
 #include "raylift/sequences/smoothing.h"
 
 #include <cmath>
+#include <numbers>
 #include <vector>
 
 #include "base/statistics.h"
@@ -192,6 +193,43 @@ TEST(FindBetterReading, NamesNoAxesThatAStraightWayDoesNotTell) {
   EXPECT_FALSE(better->reading);
   for (WalkEvidence& frame : made.frames) frame.cam_from_odometry = {};
   EXPECT_FALSE(FindBetterReading(made.frames));
+}
+
+// Poses without noise that do not turn and go in these directions, and odometry that is their
+// truth.
+MadeWalk WalkAlong(const std::vector<Vector3d>& directions) {
+  Rng rng = TestRng();
+  MadeWalk made = MakeWalk(rng, {.frames = directions.size()});
+  Vector3d position = Vector3d::Zero();
+  for (size_t i = 0; i < directions.size(); ++i) {
+    const Rigid3 pose{Eigen::Quaterniond::Identity(), -position};
+    made.frames[i].cam_from_odometry = pose;
+    made.frames[i].single->cam_from_world = pose;
+    position += directions[i];
+  }
+  return made;
+}
+
+// Odometry that is rolled by 35 degrees against one reading is so by 55 against the next: where the
+// way is within 10 degrees of the axis, neither fits half as well as the other, whichever is tried
+// first.
+TEST(FindBetterReading, NamesNoAxesWhereTwoReadingsFitNearlyAsWell) {
+  std::vector<Vector3d> directions;
+  for (int i = 0; i < 60; ++i) {
+    const double around = 2 * std::numbers::pi * i / 60;
+    directions.push_back({std::sin(10 * kRadPerDeg) * std::cos(around),
+                          std::sin(10 * kRadPerDeg) * std::sin(around), std::cos(10 * kRadPerDeg)});
+  }
+  Eigen::Matrix3d robot;
+  robot << 0, 0, 1, -1, 0, 0, 0, -1, 0;
+  for (const double roll_deg : {35, 55, 125, 145, 215, 235, 305, 325}) {
+    const Eigen::Matrix3d roll =
+        Eigen::AngleAxisd(roll_deg * kRadPerDeg, Vector3d::UnitZ()).toRotationMatrix();
+    const auto better = ReadingOf(WalkAlong(directions), robot * roll, false);
+    ASSERT_TRUE(better) << roll_deg;
+    EXPECT_FALSE(better->reading) << roll_deg;
+    EXPECT_NEAR(better->median_deg, 6, 0.1) << roll_deg;
+  }
 }
 
 // Odometry that has nothing to do with the walk is no other reading, and neither is a walk of which

@@ -1,12 +1,15 @@
 // ReadMesh on what glTF has for large scenes: compressed and quantized meshes, instances, the forms
 // of triangles and of buffers.
 
+#include <cmath>
+#include <cstring>
 #include <numbers>
 
 #include "base/base64.h"
 #include "mesh_files.h"
 #include "support/matchers.h"
 #include "support/test_data.h"
+#include "surfaces/gltf_compression.h"
 #include "tileset_files.h"
 #include <Eigen/Geometry>
 #include <draco/compression/encode.h>
@@ -198,6 +201,10 @@ TEST(ReadGltfCompressed, DamagedDracoIsNamedOrRead) {
   // The header, a traversal, and 2^31 - 1 vertices and faces.
   const std::string claim = "\xff\xff\xff\xff\x07";
   EXPECT_TRUE(Fails(DracoGlb(good.substr(0, 11) + '\0' + claim + claim), "claims 2147483647"));
+  EXPECT_TRUE(Fails(DracoGlb(good.substr(0, 11) + '\0' + '\2' + claim), "claims 2147483647"));
+  std::string old = good;
+  old[6] = 1;  // the minor version
+  EXPECT_TRUE(Fails(DracoGlb(old), "expected Draco's bitstream 2.2, as glTF has it, found 2.1"));
   Rng rng = TestRng();
   for (int i = 0; i < 100; ++i) {
     std::string bytes = good;
@@ -263,6 +270,43 @@ TEST(ReadGltfCompressed, MeshoptimizerGivesTheSameNumbers) {
   MeshoptGlb quad = CompressedQuad(filtered.data());
   quad.vertex_filter = "EXPONENTIAL";
   EXPECT_EQ(MaxCornerDistance(ReadBytes(quad.Write()), kQuadCorners), 0);
+}
+
+// Vectors of four numbers, filtered and compressed, as they come back in integers of `T`.
+template <typename T>
+std::vector<T> FilteredAndBack(const std::string& filter, const std::vector<float>& numbers) {
+  const size_t count = numbers.size() / 4, stride = 4 * sizeof(T);
+  std::string filtered(count * stride, '\0');
+  if (filter == "OCTAHEDRAL") {
+    meshopt_encodeFilterOct(filtered.data(), count, stride, 8 * sizeof(T), numbers.data());
+  } else {
+    meshopt_encodeFilterQuat(filtered.data(), count, stride, 16, numbers.data());
+  }
+  std::string bytes(meshopt_encodeVertexBufferBound(count, stride), '\0');
+  bytes.resize(meshopt_encodeVertexBuffer(reinterpret_cast<unsigned char*>(bytes.data()),
+                                          bytes.size(), filtered.data(), count, stride));
+  const std::string back = DecodeMeshopt(bytes, {"ATTRIBUTES", filter, count, stride});
+  std::vector<T> read(numbers.size());
+  std::memcpy(read.data(), back.data(), back.size());
+  return read;
+}
+
+TEST(DecodeMeshopt, FiltersOfNormalsAndRotationsAreTakenBack) {
+  const std::vector<float> unit = {0.6f, 0, -0.8f, 0, 0.48f, 0.6f, 0.64f, 0};
+  const auto normals8 = FilteredAndBack<int8_t>("OCTAHEDRAL", unit);
+  const auto normals16 = FilteredAndBack<int16_t>("OCTAHEDRAL", unit);
+  for (size_t i = 0; i < unit.size(); ++i) {
+    // Half a step of the octahedron's plane and one of the sphere's.
+    EXPECT_NEAR(normals8[i] / 127.0, unit[i], 3 / 127.0) << i;
+    EXPECT_NEAR(normals16[i] / 32767.0, unit[i], 3 / 32767.0) << i;
+  }
+  const std::vector<float> rotations = {0.1f, 0.7f, 0.1f, 0.7f, -0.5f, 0.5f, 0.5f, 0.5f};
+  const auto back = FilteredAndBack<int16_t>("QUATERNION", rotations);
+  for (size_t q = 0; q < rotations.size(); q += 4) {
+    double dot = 0;  // q and -q are one rotation
+    for (size_t i = q; i < q + 4; ++i) dot += back[i] / 32767.0 * double{rotations[i]};
+    EXPECT_NEAR(std::abs(dot), 1, 1e-3) << q;
+  }
 }
 
 TEST(ReadGltfCompressed, DamagedMeshoptimizerIsNamed) {

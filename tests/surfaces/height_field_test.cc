@@ -318,6 +318,48 @@ TEST_F(HeightField, FilesOfOneGridAreOneSurface) {
       FailsWithInputError([&] { ReadHeightField(tiles); }, {"pixels of all together, found"}));
 }
 
+TEST_F(HeightField, OfOverlappingFilesTheFirstThatHasAHeightIsTaken) {
+  const auto tiles = folder_ / "tiles";
+  std::filesystem::create_directories(tiles);
+  const auto write = [&](const char* name, uint32_t column, const std::vector<float>& heights) {
+    TiffWriter tiff(2, 2, BytesOf(heights), false);
+    tiff.Doubles(33550, {0.5, 0.5, 0});
+    tiff.Doubles(33922, {0, 0, 0, kEast + 0.5 * column, kNorth, 0});
+    tiff.Text(42113, "-9999");
+    tiff.Write(tiles / name);
+  };
+  write("b.tif", 1, {20, 30, 21, 31});
+  write("a.tif", 0, {1, 2, 3, -9999});
+  const TriangleMesh mesh = ReadHeightField(tiles);
+  std::vector<double> heights;
+  for (uint32_t i = 0; i < mesh.vertices.size(); ++i) heights.push_back(mesh.VertexInWorld(i).z());
+  std::sort(heights.begin(), heights.end());
+  EXPECT_EQ(heights, (std::vector<double>{1, 2, 3, 21, 30, 31}));
+}
+
+// Two pictures of 3 x 2 heights each, at opposite corners of 6 x 4.
+TEST_F(HeightField, BesideTheOrthophotosThereIsNoTexture) {
+  PartOfField(0, 0, 6, 4).Write(file());
+  const auto pictures = folder_ / "pictures";
+  std::filesystem::create_directories(pictures);
+  Picture(kEast).Write(pictures / "a.tif");
+  TiffWriter second = Picture(kEast);
+  second.Doubles(33922, {0, 0, 0, kEast + 1.5, kNorth - 1, 0});
+  second.Write(pictures / "b.tif");
+  const TriangleMesh mesh = ReadHeightField(file(), pictures);
+  ASSERT_EQ(mesh.triangle_textures.size(), mesh.triangles.size());
+  for (size_t i = 0; i < mesh.triangles.size(); ++i) {
+    const auto is_in = [&](double west, double north) {
+      return std::all_of(mesh.triangles[i].begin(), mesh.triangles[i].end(), [&](uint32_t v) {
+        const Eigen::Vector3d p = mesh.VertexInWorld(v);
+        return p.x() > west && p.x() < west + 1.5 && p.y() < north && p.y() > north - 1;
+      });
+    };
+    const bool is_shown = is_in(kEast, kNorth) || is_in(kEast + 1.5, kNorth - 1);
+    EXPECT_EQ(mesh.triangle_textures[i] >= 0, is_shown) << i;
+  }
+}
+
 TEST_F(HeightField, BadFilesAreNamed) {
   TiffWriter degrees = SmallField();
   degrees.Keys(2, 1, 4326);

@@ -220,6 +220,32 @@ TEST(ReadTileset, InstancesStandWhereTheTileSays) {
          {on_earth}, 1e-3);
 }
 
+TEST(ReadTileset, InstancesOfManyMeshesHaveAnEnd) {
+  constexpr size_t kEach = 2100;  // 4.4 million of both
+  std::string nodes;
+  std::vector<size_t> all(kEach);
+  for (size_t i = 0; i < kEach; ++i) {
+    nodes += R"({"mesh":0},)";
+    all[i] = i;
+  }
+  nodes.pop_back();
+  const std::string glb =
+      GlbOf(fmt::format(
+                R"({{"asset":{{"version":"2.0"}},"scenes":[{{"nodes":[{}]}}],"nodes":[{}],
+"meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}}}}]}}],"buffers":[{{"byteLength":36}}],
+"bufferViews":[{{"buffer":0,"byteLength":36}}],
+"accessors":[{{"bufferView":0,"componentType":5126,"type":"VEC3","count":3}}]}})",
+                fmt::join(all, ","), nodes),
+            BytesOf<float>({0, 0, 0, 1, 0, 0, 0, 1, 0}));
+  const path file =
+      WriteTileset(kSphere + std::string(R"(0,"refine":"ADD","content":{"uri":"tile.i3dm"})"));
+  WriteFile(file.parent_path() / "tile.i3dm",
+            I3dm(fmt::format(R"({{"INSTANCES_LENGTH":{},"POSITION":{{"byteOffset":0}}}})", kEach),
+                 BytesOf(std::vector<float>(3 * kEach, 0)), glb));
+  EXPECT_TRUE(FailsWithInputError([&] { ReadMesh(file); },
+                                  {"tile.i3dm", "place more than 4194304 meshes"}));
+}
+
 TEST(ReadTileset, ALocalOneStaysAsItIs) {
   const TilePatch hills = HillPatch({0, 0});
   const path file =
