@@ -329,6 +329,22 @@ TEST_F(Render, PanoramasSeeAllAround) {
   EXPECT_EQ(depth.height_px, 32);
 }
 
+TEST_F(Render, CubemapsHaveTheirCamerasAndClouds) {
+  ASSERT_TRUE(Succeeds(RunRaylift(
+      Command(out_) + Arguments{"--cubemap", "16", "--products", "points", "--format", "ply"})));
+  const ColmapModel model = ReadColmapModel(out_ / "model");
+  EXPECT_EQ(model.images.size(), 6 * ReadColmapModel(scene_.truth()).images.size());
+  // The room is closed: each pixel has a point.
+  for (const PosedImage& image : model.PosedImages()) {
+    const fs::path stem = fs::path(image.name).replace_extension(".ply");
+    EXPECT_NE(ReadFile(out_ / "points" / stem).find("element vertex 256\n"), std::string::npos);
+  }
+  EXPECT_TRUE(FailsWith(2, {"at most one of"},
+                        RunRaylift(Command(out_) + Arguments{"--cubemap", "16", "--scale", "2"})));
+  EXPECT_TRUE(FailsWith(2, {"--cubemap", "pixels"},
+                        RunRaylift(Command(out_) + Arguments{"--cubemap", "0"})));
+}
+
 TEST_F(Render, WorksWithoutDisplayAndWithAHomeThatIsReadOnly) {
   const fs::path home = scene_.folder / "home";
   fs::create_directories(home);
