@@ -1,15 +1,15 @@
 # Sourced by scripts that need a bare Debian or Ubuntu, as root.
 
-# make_system SUITE FOLDER [MIRROR]: by debootstrap, from where this machine takes its own packages, or
-# Ubuntu's own server, unless another mirror is named. One that is in $RAYLIFT_BARE_SYSTEMS is copied.
+# make_system SUITE FOLDER [MIRROR]: by debootstrap, from where this machine takes its own packages, an
+# Ubuntu from debootstrap's own default, unless a mirror is named. One that is in $RAYLIFT_BARE_SYSTEMS
+# is copied.
 make_system() {
   local suite=$1 folder=$2 mirror=${3:-} own components=main
-  if [ -d "${RAYLIFT_BARE_SYSTEMS:-}/$suite" ]; then
+  if [ -n "${RAYLIFT_BARE_SYSTEMS:-}" ] && [ -d "$RAYLIFT_BARE_SYSTEMS/$suite" ]; then
     cp --archive "$RAYLIFT_BARE_SYSTEMS/$suite/." "$folder"
     return
   fi
   if grep --quiet ubuntu-archive-keyring "/usr/share/debootstrap/scripts/$suite"; then
-    mirror=${mirror:-http://archive.ubuntu.com/ubuntu}
     components=main,universe
   elif [ -z "$mirror" ]; then
     own=$(. /etc/os-release && echo "$VERSION_CODENAME")
@@ -17,7 +17,7 @@ make_system() {
   fi
   eval "$(apt-config shell http_proxy Acquire::http::Proxy https_proxy Acquire::https::Proxy)"
   export http_proxy https_proxy
-  debootstrap --variant=minbase --include=ca-certificates --components="$components" "$suite" "$folder" "$mirror"
+  debootstrap --variant=minbase --include=ca-certificates --components="$components" "$suite" "$folder" ${mirror:+"$mirror"}
   apt-config dump | grep -E '^Acquire::[a-z]+::[Pp]roxy' > "$folder/etc/apt/apt.conf.d/90host" || true
   cp /etc/resolv.conf /etc/hosts "$folder/etc/"
 }

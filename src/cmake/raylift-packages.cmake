@@ -80,7 +80,7 @@ macro(raylift_find package)
       get_target_property(raylift_glog_libraries glog::glog INTERFACE_LINK_LIBRARIES)
     endif()
     if(raylift_glog_libraries MATCHES unwind)
-      set_property(TARGET glog::glog PROPERTY
+      set_property(TARGET glog::glog APPEND PROPERTY
         INTERFACE_LINK_OPTIONS "LINKER:--push-state,--no-as-needed,-lgcc_s,--pop-state")
     endif()
   elseif("${package}" STREQUAL "HDF5")
