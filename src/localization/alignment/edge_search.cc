@@ -18,6 +18,7 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "raylift/estimation/pose_estimate.h"
 #include "raylift/geometry/residuals.h"
 
 namespace raylift {
@@ -461,6 +462,13 @@ std::vector<double> ScoresByChance(const std::shared_ptr<const RayCaster>& mesh,
   return scores;
 }
 
+// Returns whether it hangs on the chance whether the best mode counts as localized.
+bool IsOpen(FoundByEdges found) {
+  if (ConfidenceOf(found) >= kLocalizedConfidence) return false;
+  found.chance = 0;
+  return ConfidenceOf(found) >= kLocalizedConfidence;
+}
+
 }  // namespace
 
 FoundByEdges SearchByEdges(const std::shared_ptr<const RayCaster>& mesh, const Image& gray,
@@ -475,15 +483,16 @@ FoundByEdges SearchByEdges(const std::shared_ptr<const RayCaster>& mesh, const I
   FoundByEdges found =
       search.Finish(finest, std::span(poses).first(std::min(kModes, poses.size())));
   if (found.modes.empty()) return found;
+  const EdgeMode& best = found.modes.front();
+  found.chance = std::min(1.0, static_cast<double>(search.num_tried()) * ChanceOf(best.cells));
+  if (!IsOpen(found)) return found;
   const double mode_rad = kModePx / finest.camera().MeanFocalPx();
   const auto by_chance = ScoresByChance(
       mesh, gray, camera, Widened(prior, 2 * mode_rad, search.distance()), mode_rad, seed);
-  const EdgeMode& best = found.modes.front();
   const double as_pictures_say = LeastProbabilityOfChance(
       ChanceOfScore(search.LeastScoreAt(sharp, best.fit.cam_from_world), by_chance,
                     static_cast<double>(positions) / kChancePositions));
-  const double of_all_tried = static_cast<double>(search.num_tried()) * ChanceOf(best.cells);
-  found.chance = std::min(as_pictures_say, of_all_tried);
+  found.chance = std::min(found.chance, as_pictures_say);
   return found;
 }
 

@@ -22,15 +22,15 @@ struct EdgeMode {
 
 struct FoundByEdges {
   std::vector<EdgeMode> modes;  // best first; none where the scene shows too few edges
-  // The probability that the best one is chance, the smaller of two bounds: by how many poses were
-  // tried, cells showing their edges or not with equal odds, and by the modes of pictures that show
-  // no place.
+  // The probability that the best one is chance: at most how many poses were tried says, cells
+  // showing their edges or not with equal odds; less where the verdict hangs on it and the modes of
+  // pictures that show no place say so.
   double chance = 1;
 };
 
-// Looks for the modes within the prior, and for those of the photograph mirrored and upside down:
-// they have its edges and no pose, but where the scene is as symmetric, and tell what chance
-// explains. The same for the same seed.
+// Looks for the modes within the prior and, where the verdict hangs on it, for those of the
+// photograph mirrored and upside down: they have its edges and no pose, but where the scene is as
+// symmetric, and tell what chance explains. The same for the same seed.
 FoundByEdges SearchByEdges(const std::shared_ptr<const RayCaster>& mesh, const Image& gray,
                            const Camera& camera, const PosePrior& prior, uint64_t seed);
 
