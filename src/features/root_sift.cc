@@ -4,6 +4,7 @@
 #include <tuple>
 #include <vector>
 
+#include "features/cv_image.h"
 #include <opencv2/core.hpp>
 #include <opencv2/features2d.hpp>
 #include <opencv2/imgproc.hpp>
@@ -41,7 +42,7 @@ double MeasureUpscaleShift() {
 }
 
 cv::Mat ShrinkToSide(const Image& gray, int max_side_px) {
-  cv::Mat full(gray.height_px, gray.width_px, CV_8UC1, const_cast<uint8_t*>(gray.data.data()));
+  cv::Mat full = AsMat(gray);
   const int side_px = std::max(gray.width_px, gray.height_px);
   if (side_px <= max_side_px) {
     return full;

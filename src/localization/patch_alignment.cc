@@ -4,6 +4,7 @@
 #include <cmath>
 #include <optional>
 
+#include "features/cv_image.h"
 #include <Eigen/LU>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
@@ -11,13 +12,9 @@
 namespace raylift {
 namespace {
 
-cv::Mat Wrap(const Image& image) {
-  return {image.height_px, image.width_px, CV_8U, const_cast<uint8_t*>(image.data.data())};
-}
-
 cv::Mat ToFloat(const Image& gray, cv::Size size) {
   cv::Mat values;
-  Wrap(gray).convertTo(values, CV_32F);
+  AsMat(gray).convertTo(values, CV_32F);
   if (values.size() != size) cv::resize(values, values, size, 0, 0, cv::INTER_AREA);
   return values;
 }
@@ -27,7 +24,7 @@ std::vector<cv::Point> Corners(const cv::Mat& rendering, const Image& mask, int 
                                int max_count) {
   cv::Mat inside;
   const int side_px = 2 * half_px + 1;
-  cv::erode(Wrap(mask), inside, cv::Mat::ones(side_px, side_px, CV_8U), {-1, -1}, 1,
+  cv::erode(AsMat(mask), inside, cv::Mat::ones(side_px, side_px, CV_8U), {-1, -1}, 1,
             cv::BORDER_CONSTANT, cv::Scalar::all(0));
   // As many as there are: a weak one is a corner, too, and the correlation judges it.
   constexpr double kLeastQuality = 1e-4;

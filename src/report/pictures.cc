@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include "base/base64.h"
+#include "features/cv_image.h"
 #include "pictures/picture_codec.h"
 #include "report/page.h"
 #include <fmt/format.h>
@@ -111,9 +112,7 @@ std::string JpegDataUri(const Image& image, int max_width_px) {
     small.data.resize(static_cast<size_t>(small.width_px) * static_cast<size_t>(small.height_px) *
                       static_cast<size_t>(image.channels));
     cv::Mat target(small.height_px, small.width_px, type, small.data.data());
-    cv::resize(
-        cv::Mat(image.height_px, image.width_px, type, const_cast<uint8_t*>(image.data.data())),
-        target, target.size(), 0, 0, cv::INTER_AREA);
+    cv::resize(AsMat(image), target, target.size(), 0, 0, cv::INTER_AREA);
   }
   return "data:image/jpeg;base64," + EncodeBase64(EncodeJpeg(small, kJpegQuality));
 }

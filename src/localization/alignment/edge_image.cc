@@ -5,6 +5,7 @@
 #include <numbers>
 
 #include "base/statistics.h"
+#include "features/cv_image.h"
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
@@ -27,9 +28,8 @@ struct Gradients {
 };
 
 Gradients GradientsOf(const Image& gray) {
-  const cv::Mat bytes(gray.height_px, gray.width_px, CV_8U, const_cast<uint8_t*>(gray.data.data()));
   cv::Mat smooth;
-  bytes.convertTo(smooth, CV_32F);
+  AsMat(gray).convertTo(smooth, CV_32F);
   cv::GaussianBlur(smooth, smooth, {0, 0}, kBlurPx);
   Gradients found;
   cv::Scharr(smooth, found.along_x, CV_32F, 1, 0, 1.0 / 32);
