@@ -11,7 +11,9 @@
 
 #include "base/rng.h"
 #include "base/statistics.h"
+#include "features/cv_image.h"
 #include "geometry/pose_step.h"
+#include "localization/alignment/edge_chance.h"
 #include "localization/alignment/edge_turns.h"
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
@@ -47,8 +49,6 @@ constexpr size_t kPromising = 40;
 constexpr size_t kModesAround = 4;
 constexpr size_t kAround = 24;
 constexpr size_t kModes = 6;
-// As many of the best modes that chance gives tell how fast better ones become rarer.
-constexpr size_t kChanceModes = 10;
 // Pictures that no pose explains are looked for from so many positions each.
 constexpr size_t kChancePositions = kFewestPositions / 2;
 // As many standard deviations of the prior are looked at.
@@ -69,57 +69,15 @@ struct Scored {
 
 bool BetterThan(const Scored& a, const Scored& b) { return a.score > b.score; }
 
-// The probability that independent cells of no sign have as large a sum.
-double ChanceOf(const CellScores& scores) {
-  const double squares = scores.square().sum();
-  if (!(squares > 0)) return 0.5;
-  return 0.5 * std::erfc(scores.sum() / std::sqrt(2 * squares));
-}
-
-// What the cells of a score, taken for independent, say it is at the least: all but once in 44.
-double LeastScore(const CellScores& cells) {
-  return cells.sum() - 2 * std::sqrt(cells.square().sum());
-}
-
-// The probability that a search finds a mode as good as this by chance, of which the best ones of a
-// search from so many times fewer positions are given, best first. The largest of many exceed a
-// threshold as often as a Poisson process says, by amounts that are distributed exponentially. As
-// their mean is known from so many of them alone, the exponential becomes a power.
-double ChanceOfScore(double score, std::span<const double> by_chance, double times) {
-  if (by_chance.size() < 3) return 1;
-  const size_t num_above = std::min(kChanceModes, by_chance.size() - 1);
-  const auto count = static_cast<double>(num_above);
-  const double threshold = by_chance[num_above];
-  double mean = 0;
-  for (const double above : by_chance.first(num_above)) mean += (above - threshold) / count;
-  if (!(mean > 0) || score < threshold) return 1;
-  const auto is_as_good = [score](double other) { return other >= score; };
-  const auto as_good =
-      static_cast<double>(std::count_if(by_chance.begin(), by_chance.end(), is_as_good));
-  const double expected = count * std::pow(1 + (score - threshold) / (count * mean), -count);
-  return -std::expm1(-times * std::max(as_good, expected));
-}
-
-// The least probability that it was chance, if it was so or not with equal odds before and a search
-// gives so good a mode with the probability p by chance: the odds are at least -e p log p (Sellke,
-// Bayarri, Berger 2001).
-double LeastProbabilityOfChance(double p) {
-  if (!(p < 1 / std::numbers::e)) return 1;
-  if (!(p > 0)) return 0;
-  const double odds = -std::numbers::e * p * std::log(p);
-  return odds / (1 + odds);
-}
-
 // Pictures that have edges like the photograph's but show no place from any pose nearby. The first
 // keeps what is level or upright, and where the horizon is; the second keeps all directions,
 // however the camera is rolled.
 enum class NoPlace { kMirrored, kUpsideDown };
 
 Image Flipped(const Image& gray, NoPlace kind) {
-  const cv::Mat from(gray.height_px, gray.width_px, CV_8U, const_cast<uint8_t*>(gray.data.data()));
   Image flipped = gray;
   cv::Mat to(gray.height_px, gray.width_px, CV_8U, flipped.data.data());
-  cv::flip(from, to, kind == NoPlace::kMirrored ? 1 : -1);
+  cv::flip(AsMat(gray), to, kind == NoPlace::kMirrored ? 1 : -1);
   return flipped;
 }
 
@@ -154,11 +112,10 @@ double NormalQuantile(double share_below) {
 }
 
 Image Resized(const Image& gray, int width_px, int height_px) {
-  const cv::Mat from(gray.height_px, gray.width_px, CV_8U, const_cast<uint8_t*>(gray.data.data()));
   Image small{width_px, height_px, 1, {}};
   small.data.resize(static_cast<size_t>(width_px) * static_cast<size_t>(height_px));
   cv::Mat to(height_px, width_px, CV_8U, small.data.data());
-  cv::resize(from, to, {width_px, height_px}, 0, 0, cv::INTER_AREA);
+  cv::resize(AsMat(gray), to, {width_px, height_px}, 0, 0, cv::INTER_AREA);
   return small;
 }
 
