@@ -9,9 +9,9 @@
 #include <list>
 #include <map>
 #include <mutex>
-#include <numbers>
 #include <unordered_map>
 
+#include "base/constants.h"
 #include "lifting/depth_bundle.h"
 #include "lifting/depth_convention.h"
 #include "lifting/depth_sampling.h"
@@ -431,7 +431,6 @@ std::shared_ptr<const DepthMap> DepthFolder::LoadConfidence(const PosedImage& re
 
 namespace {
 
-constexpr double kDegPerRad = 180 / std::numbers::pi;
 // Step of the differences that make a normal, in pixels of the map.
 constexpr double kStep = 0.5;
 

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/constants.h"
 #include <Eigen/LU>
 #include <Eigen/SVD>
 #include <fmt/format.h>
@@ -19,7 +20,6 @@ constexpr std::string_view kAxisNames = "xyz";
 
 // Describes a rotation that is not one of axes by its angle.
 double AngleDeg(const Eigen::Matrix3d& rotation) {
-  constexpr double kDegPerRad = 57.29577951308232;
   return kDegPerRad * std::acos(std::clamp((rotation.trace() - 1) / 2, -1.0, 1.0));
 }
 

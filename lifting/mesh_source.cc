@@ -6,16 +6,14 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
-#include <numbers>
 
+#include "base/constants.h"
 #include <Eigen/Geometry>
 
 #include "raylift/base/error.h"
 
 namespace raylift {
 namespace {
-
-constexpr double kDegPerRad = 180 / std::numbers::pi;
 
 // Pixels that are lifted at once: their rays and hits stay in the fastest cache.
 constexpr size_t kBatch = 128;

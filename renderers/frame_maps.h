@@ -7,9 +7,9 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <numbers>
 #include <vector>
 
+#include "base/constants.h"
 #include "renderers/block_kernels.h"
 
 #include "raylift/renderers/frame_renderer.h"
@@ -84,7 +84,6 @@ class FrameMaps {
       Eigen::Map<Eigen::Vector3f>(&frame_.normals[3 * pixel]) = normal.cast<float>();
     }
     if (options_.incidence) {
-      constexpr double kDegPerRad = 180 / std::numbers::pi;
       const double sine = hit.normal_in_world.cross(direction).norm();
       frame_.incidence_deg[pixel] =
           static_cast<float>(std::atan2(sine, std::abs(along)) * kDegPerRad);

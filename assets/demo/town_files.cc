@@ -4,10 +4,10 @@
 #include <cmath>
 #include <limits>
 #include <memory>
-#include <numbers>
 #include <string>
 #include <utility>
 
+#include "base/constants.h"
 #include "city_files.h"
 #include "geotiff.h"
 #include "photograph.h"
@@ -97,7 +97,6 @@ std::vector<PosedImage> InCrs(std::vector<PosedImage> views) {
 
 // What GNSS, a compass and a gimbal say, as raylift's priors; phones know what is down.
 std::string PriorsOf(const std::vector<PosedImage>& queries, Rng& rng) {
-  constexpr double kRadPerDeg = std::numbers::pi / 180;
   std::string text = fmt::format("* world_crs {}\n", kTownCrs);
   const auto draw = [&rng](double sigma) -> Vector3d {
     return sigma * Vector3d{rng.Normal(), rng.Normal(), rng.Normal()};

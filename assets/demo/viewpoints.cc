@@ -5,13 +5,13 @@
 #include <numbers>
 #include <string>
 
+#include "base/constants.h"
 #include <Eigen/Geometry>
 
 namespace raylift::demo {
 
 Rigid3 CamFromWorld(const Eigen::Vector3d& center, double heading_deg, double pitch_deg,
                     double roll_deg) {
-  constexpr double kRadPerDeg = std::numbers::pi / 180;
   const double heading = heading_deg * kRadPerDeg, pitch = pitch_deg * kRadPerDeg;
   const Eigen::Vector3d forward(std::cos(pitch) * std::cos(heading),
                                 std::cos(pitch) * std::sin(heading), std::sin(pitch));

@@ -8,6 +8,7 @@
 #include <numbers>
 #include <utility>
 
+#include "base/constants.h"
 #include "base/statistics.h"
 #include "diagnosis/cause_fits.h"
 #include "diagnosis/depth_explanation.h"
@@ -23,7 +24,6 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kDegPerRad = 180 / std::numbers::pi;
 // Half of the half pixel by which conventions of pixel centers differ.
 constexpr double kLeastMovePx = 0.25;
 constexpr double kStopPx = 1.0 / 64;

@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
+#include "base/constants.h"
 #include "base/statistics.h"
 #include <fmt/format.h>
 
@@ -12,8 +12,6 @@
 
 namespace raylift {
 namespace {
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 double RecallPercent(const std::vector<double>& errors, double threshold) {
   if (errors.empty()) return 0;

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "base/constants.h"
 #include "base/statistics.h"
 
 #include "raylift/base/error.h"
@@ -11,8 +12,6 @@
 
 namespace raylift {
 namespace {
-
-constexpr double kDegPerRad = 180 / std::numbers::pi;
 
 // The depths that both maps know, in order.
 struct Common {
@@ -177,7 +176,6 @@ std::optional<DepthFit> FitDepth(std::span<const float> estimated, std::span<con
 
 std::vector<float> ApplyFit(std::span<const float> estimated, const DepthFit& fit,
                             const DepthRange& range) {
-  constexpr double kInfinity = std::numeric_limits<double>::infinity();
   std::vector<float> fitted(estimated.size(), 0.0F);
   for (size_t i = 0; i < estimated.size(); ++i) {
     if (!IsKnown(estimated[i])) continue;
@@ -323,8 +321,6 @@ SurfaceScore ComputeSurfaceScore(std::span<const float> to_truth, std::span<cons
 }
 
 namespace {
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 // The lower envelope of the parabolas (x - q)^2 + values[q], at every x, in place.
 void TransformLine(std::span<double> values, std::vector<size_t>& apexes,

@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <utility>
 
+#include "base/constants.h"
 #include "base/json_text.h"
 #include "base/statistics.h"
 #include <Eigen/Cholesky>
@@ -234,7 +234,6 @@ ResultSummary Summarize(std::string name, const Comparison& comparison,
   if (comparison.queries.empty()) {
     throw InputError(fmt::format("{}: the ground truth holds no queries", name));
   }
-  constexpr double kInfinity = std::numeric_limits<double>::infinity();
   ResultSummary summary;
   summary.name = std::move(name);
   summary.uses_ground_truth = comparison.uses_ground_truth;

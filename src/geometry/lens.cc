@@ -4,13 +4,12 @@
 #include <cmath>
 #include <numbers>
 
+#include "base/constants.h"
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 
 namespace raylift {
 namespace {
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 // 1 + c0 q + c1 q^2 + ..., and its derivative.
 struct ValueAndSlope {

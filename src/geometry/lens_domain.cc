@@ -4,17 +4,15 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <numbers>
 
+#include "base/constants.h"
 #include <Eigen/LU>
 
 #include "raylift/geometry/lens.h"
 
 namespace raylift {
 namespace {
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 // The polar grid on which lenses with tangential or prism terms are examined.
 constexpr int kNumDirections = 16;

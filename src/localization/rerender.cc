@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <numbers>
 #include <numeric>
 #include <utility>
 
+#include "base/constants.h"
 #include "base/statistics.h"
 #include "localization/patch_alignment.h"
 #include <fmt/format.h>
@@ -19,8 +19,6 @@
 
 namespace raylift {
 namespace {
-
-constexpr double kRadPerDeg = std::numbers::pi / 180;
 
 FrameOptions ColorAndMask(const ColorOptions& look) {
   FrameOptions options;

@@ -2,11 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <numeric>
 #include <optional>
 #include <utility>
 
+#include "base/constants.h"
 #include "sequences/anchors.h"
 #include "sequences/chain.h"
 #include "sequences/mixture.h"
@@ -18,8 +18,6 @@
 
 namespace raylift {
 namespace {
-
-constexpr double kDegPerRad = 180 / std::numbers::pi;
 
 // Errors have a broader part: a tenth of them, of three times the deviation.
 constexpr double kBroadShare = 0.1;

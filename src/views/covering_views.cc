@@ -2,6 +2,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "base/constants.h"
 #include "base/rng.h"
 #include "surfaces/surface_samples.h"
 #include "views/space_probe.h"
@@ -15,7 +16,6 @@
 namespace raylift {
 namespace {
 
-constexpr double kRadPerDeg = std::numbers::pi / 180;
 constexpr size_t kSurfaceSamples = 1500;
 constexpr double kOutermost = 0.02;       // share of the samples, on each side
 constexpr double kMinFrontShare = 0.9;    // the rest may be thin things without a back

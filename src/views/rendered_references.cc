@@ -5,6 +5,7 @@
 #include <numbers>
 #include <utility>
 
+#include "base/constants.h"
 #include "base/statistics.h"
 #include "views/task_list.h"
 #include <Eigen/Geometry>
@@ -15,7 +16,6 @@
 namespace raylift {
 namespace {
 
-constexpr double kRadPerDeg = std::numbers::pi / 180;
 constexpr int kMaxSidePx = 1600;  // features are not looked for in larger pictures
 constexpr double kMinFovDeg = 60;
 constexpr double kMaxFovDeg = 100;

@@ -1,8 +1,8 @@
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <vector>
 
+#include "base/constants.h"
 #include <Eigen/Eigenvalues>
 
 #include "raylift/views/view_sampler.h"
@@ -10,7 +10,6 @@
 namespace raylift {
 namespace {
 
-constexpr double kRadPerDeg = std::numbers::pi / 180;
 // Real floors and walls, as scanned, stray by so much.
 constexpr double kFloorConeDeg = 15;
 constexpr double kWallBandDeg = 10;

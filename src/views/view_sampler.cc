@@ -5,6 +5,7 @@
 #include <limits>
 #include <numbers>
 
+#include "base/constants.h"
 #include "base/rng.h"
 #include "views/space_probe.h"
 #include <Eigen/Geometry>
@@ -16,7 +17,6 @@
 namespace raylift {
 namespace {
 
-constexpr double kRadPerDeg = std::numbers::pi / 180;
 constexpr double kMinFrontShare = 0.9;  // the rest may be thin things without a back
 constexpr double kMinOpenShare = 0.5;   // within a solid body all is seen from behind
 // Directions in which surfaces are looked for: around every place, and where a camera shall stand.

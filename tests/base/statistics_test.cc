@@ -1,15 +1,13 @@
 #include "base/statistics.h"
 
 #include <array>
-#include <limits>
 #include <stdexcept>
 
+#include "base/constants.h"
 #include <gtest/gtest.h>
 
 namespace raylift {
 namespace {
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 TEST(Median, OfAnOddCountIsTheMiddleValue) {
   std::array<double, 5> values = {9, -1, 4, 7, 0};

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "base/constants.h"
 #include "estimation/standard_options.h"
 #include "support/matchers.h"
 #include "support/synthetic_problem.h"
@@ -15,7 +16,6 @@ namespace raylift {
 namespace {
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 SyntheticProblem Typical(std::string_view regime = "accurate", int index = 0) {
   return MakeRegime(RegimeByName(regime), index + 1)[static_cast<size_t>(index)];

@@ -1,8 +1,8 @@
 #include <cmath>
 #include <fstream>
-#include <limits>
 #include <sstream>
 
+#include "base/constants.h"
 #include "support/matchers.h"
 #include "support/test_data.h"
 #include <gmock/gmock.h>
@@ -17,8 +17,6 @@ namespace {
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 Comparison FromErrors(const std::vector<std::optional<PoseError>>& errors) {
   Comparison comparison;

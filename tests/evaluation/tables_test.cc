@@ -1,6 +1,6 @@
 #include <fstream>
-#include <limits>
 
+#include "base/constants.h"
 #include "support/matchers.h"
 #include "support/test_data.h"
 #include <gmock/gmock.h>
@@ -15,7 +15,6 @@ using ::testing::HasSubstr;
 const std::vector<Threshold> kThresholds = {{0.05, 5}, {0.25, 2}};
 
 std::vector<ResultSummary> Results() {
-  constexpr double kInfinity = std::numeric_limits<double>::infinity();
   return {{.name = "P3P",
            .num_queries = 3,
            .num_localized = 2,

@@ -2,8 +2,8 @@
 
 #include <cmath>
 #include <functional>
-#include <limits>
 
+#include "base/constants.h"
 #include "lifting/alignment_text.h"
 #include "lifting/room.h"
 #include "support/matchers.h"
@@ -131,7 +131,6 @@ TEST(LearnConfidence, ClaimsNoSmallerDeviationThanKeypointsTell) {
 }
 
 TEST(ConfidenceWorth, IsConstantBeyondItsKnots) {
-  constexpr double kInfinity = std::numeric_limits<double>::infinity();
   const ConfidenceWorth worth = {.knots = {{1, 0.3}, {2, 0.01}}};
   EXPECT_EQ(worth.SigmaAt(kInfinity), 0.01);
   EXPECT_EQ(worth.SigmaAt(-kInfinity), 0.3);

@@ -6,6 +6,7 @@
 #include <numbers>
 #include <vector>
 
+#include "base/constants.h"
 #include "base/rng.h"
 #include "geometry/pose_step.h"
 #include "support/meshes.h"
@@ -13,8 +14,6 @@
 #include "raylift/sequences/smoothing.h"
 
 namespace raylift {
-
-inline constexpr double kRadPerDeg = std::numbers::pi / 180;
 
 struct WalkSettings {
   size_t frames = 60;

@@ -9,6 +9,7 @@
 #include <span>
 #include <utility>
 
+#include "base/constants.h"
 #include "base/rng.h"
 #include "base/statistics.h"
 #include "features/cv_image.h"
@@ -25,8 +26,6 @@
 
 namespace raylift {
 namespace {
-
-constexpr double kRadPerDeg = std::numbers::pi / 180;
 
 // The photograph's sizes by their longer sides.
 constexpr int kCoarsePx = 320;
@@ -52,7 +51,7 @@ constexpr size_t kModes = 6;
 // Pictures that no pose explains are looked for from so many positions each.
 constexpr size_t kChancePositions = kFewestPositions / 2;
 // As many standard deviations of the prior are looked at.
-constexpr double kFarthest = 2.5;
+constexpr double kFarthestTurn = 2.5;
 // Edges of the photograph are looked for so far from those of the scene.
 constexpr double kReachPx = 4;
 
@@ -309,7 +308,7 @@ class Search {
   // may have been drawn to the next edges but one.
   std::vector<Scored> Modes(const EdgeImage& smooth, const EdgeImage& sharp, size_t positions) {
     const double spacing = Spacing(smooth.camera());
-    const EdgeTurns widely(smooth, kExploreCellPx, kFarthest * prior_.sigma_deg * kRadPerDeg);
+    const EdgeTurns widely(smooth, kExploreCellPx, kFarthestTurn * prior_.sigma_deg * kRadPerDeg);
     const EdgeTurns narrowly(smooth, kExploreCellPx, widely.ReachRad());
     const EdgeTurns coarse(smooth, kExploreCellPx, 0);
     const EdgeTurns fine(sharp, 1, 0);

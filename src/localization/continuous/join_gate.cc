@@ -2,9 +2,9 @@
 
 #include <array>
 #include <cmath>
-#include <numbers>
 #include <string_view>
 
+#include "base/constants.h"
 #include "geometry/pose_step.h"
 #include "localization/fields.h"
 #include <Eigen/Geometry>
@@ -15,11 +15,7 @@
 #include "raylift/geometry/residuals.h"
 
 namespace raylift {
-namespace {
-
-constexpr double kDegPerRad = 180 / std::numbers::pi;
-
-}  // namespace
+namespace {}  // namespace
 
 void JoinGateOptions::Validate() const { CheckRanges(ConstFieldsOf(*this)); }
 
