@@ -17,7 +17,7 @@ namespace raylift {
 namespace {
 
 // Factors nearer to each other than this are one: a fit tells them apart, not a belief.
-constexpr double kStep = 0.01;
+constexpr double kNodeStep = 0.01;
 // Of patches and of pairs that are wrong together, before anything is known of them: as look-alike
 // places make some where a scene repeats itself. A tenth of these changes a bound by 2.3.
 constexpr double kWrongPatches = 0.1;
@@ -52,12 +52,12 @@ class Nodes {
     }
     const double low = std::min(0.0, QuantileInPlace(std::span(asked), kFew)) - kMargin;
     const double high = std::max(0.0, QuantileInPlace(std::span(asked), 1 - kFew)) + kMargin;
-    first_ = std::lround(low / kStep);
-    count_ = static_cast<size_t>(std::lround(high / kStep) - first_ + 1);
+    first_ = std::lround(low / kNodeStep);
+    count_ = static_cast<size_t>(std::lround(high / kNodeStep) - first_ + 1);
   }
   size_t count() const { return count_; }
   double At(size_t node) const {
-    return kStep * static_cast<double>(first_ + static_cast<long>(node));
+    return kNodeStep * static_cast<double>(first_ + static_cast<long>(node));
   }
   size_t Zero() const { return static_cast<size_t>(-first_); }
 
@@ -101,11 +101,12 @@ std::vector<PatchMatches> ByPatch(const MapMatches& map) {
 Curve Smoothed(const Curve& curve, double sigma) {
   const double most = *std::max_element(curve.begin(), curve.end());
   const auto size = static_cast<std::ptrdiff_t>(curve.size());
-  const auto reach = std::min(size - 1, static_cast<std::ptrdiff_t>(std::ceil(5 * sigma / kStep)));
+  const auto reach =
+      std::min(size - 1, static_cast<std::ptrdiff_t>(std::ceil(5 * sigma / kNodeStep)));
   std::vector<double> weights(static_cast<size_t>(reach + 1));
   double total = 0;
   for (size_t i = 0; i < weights.size(); ++i) {
-    const double z = static_cast<double>(i) * kStep / sigma;
+    const double z = static_cast<double>(i) * kNodeStep / sigma;
     weights[i] = std::exp(-0.5 * z * z);
     total += (i == 0 ? 1 : 2) * weights[i];
   }
@@ -222,7 +223,7 @@ bool AllRight(const Evidence& evidence, const Nodes& nodes) {
   constexpr double kLeastRange = 2;  // of log factors that may be: from a third to three times
   std::vector<double> values;
   for (const Curve& curve : evidence) values.insert(values.end(), curve.begin(), curve.end());
-  const double range = std::max(static_cast<double>(nodes.count()), kLeastRange / kStep);
+  const double range = std::max(static_cast<double>(nodes.count()), kLeastRange / kNodeStep);
   const double some = LogSumExp(values) - std::log(range * kSpreads.size());
   return evidence.front()[nodes.Zero()] >= some;
 }
@@ -240,7 +241,7 @@ class Quantiles {
     const auto node = static_cast<size_t>(
         std::lower_bound(cumulated_.begin(), cumulated_.end(), wanted) - cumulated_.begin());
     const double before = node == 0 ? 0 : cumulated_[node - 1];
-    return nodes_.At(node) + kStep * ((wanted - before) / (cumulated_[node] - before) - 0.5);
+    return nodes_.At(node) + kNodeStep * ((wanted - before) / (cumulated_[node] - before) - 0.5);
   }
   double Median() const { return At(0.5); }
   // That of a normal distribution with the same quartiles.

@@ -276,9 +276,9 @@ std::vector<KeypointRay> RaysOf(std::span<const PosedImage> references,
 // The points of pairs of rays; of many pairs, some evenly spread.
 std::vector<Eigen::Vector3d> PointsOfPairs(const std::vector<KeypointRay>& rays,
                                            double min_angle_deg) {
-  constexpr size_t kMaxPairs = 64;
+  constexpr size_t kMostPairs = 64;
   const size_t num_pairs = rays.size() * (rays.size() - 1) / 2;
-  const size_t stride = (num_pairs + kMaxPairs - 1) / kMaxPairs;
+  const size_t stride = (num_pairs + kMostPairs - 1) / kMostPairs;
   std::vector<Eigen::Vector3d> points;
   size_t pair = 0;
   for (size_t a = 0; a < rays.size(); ++a) {

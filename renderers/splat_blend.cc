@@ -15,7 +15,7 @@ constexpr double kMostAlpha = 0.99;
 constexpr double kLeastTransmittance = 1e-4;
 constexpr double kSurfaceAlpha = 0.5;
 
-constexpr size_t kBatch = 4096;
+constexpr size_t kSplatsOfTask = 4096;
 
 using Whitening = Eigen::Map<const Eigen::Matrix<float, 3, 3, Eigen::RowMajor>>;
 
@@ -156,9 +156,9 @@ std::vector<PackedSplat> PackSplats(const Splats& splats, int threads) {
   RAYLIFT_CHECK_EQ(count, splats.opacities.size());
   const std::vector<uint32_t> order = OrderInSpace(splats.means);
   std::vector<PackedSplat> packed(count);
-  ParallelFor((count + kBatch - 1) / kBatch, threads, [&](size_t batch) {
-    const size_t end = std::min((batch + 1) * kBatch, count);
-    for (size_t i = batch * kBatch; i < end; ++i) packed[i] = Pack(splats, order[i]);
+  ParallelFor((count + kSplatsOfTask - 1) / kSplatsOfTask, threads, [&](size_t batch) {
+    const size_t end = std::min((batch + 1) * kSplatsOfTask, count);
+    for (size_t i = batch * kSplatsOfTask; i < end; ++i) packed[i] = Pack(splats, order[i]);
   });
   return packed;
 }
@@ -252,9 +252,9 @@ std::vector<Eigen::Vector3f> SplatColors(const Splats& splats, const Eigen::Vect
   RAYLIFT_CHECK(splats.NumCoefficients() <= kMostCoefficients);
   const Eigen::Vector3d eye = eye_in_world - splats.origin_in_world;
   std::vector<Eigen::Vector3f> colors(count);
-  ParallelFor((count + kBatch - 1) / kBatch, threads, [&](size_t batch) {
-    const size_t end = std::min((batch + 1) * kBatch, count);
-    for (size_t i = batch * kBatch; i < end; ++i) colors[i] = ColorFrom(splats, i, eye);
+  ParallelFor((count + kSplatsOfTask - 1) / kSplatsOfTask, threads, [&](size_t batch) {
+    const size_t end = std::min((batch + 1) * kSplatsOfTask, count);
+    for (size_t i = batch * kSplatsOfTask; i < end; ++i) colors[i] = ColorFrom(splats, i, eye);
   });
   return colors;
 }

@@ -11,14 +11,14 @@ namespace {
 
 // The name with numbers of one length.
 std::string OrderKey(std::string_view name) {
-  constexpr size_t kDigits = 20;
+  constexpr size_t kLengthOfNumber = 20;
   constexpr std::string_view kAllDigits = "0123456789";
   std::string key;
   while (!name.empty()) {
     std::string_view digits = name.substr(0, name.find_first_not_of(kAllDigits));
     name.remove_prefix(digits.size());
     digits.remove_prefix(std::min(digits.find_first_not_of('0'), digits.size()));
-    if (digits.size() < kDigits) key.append(kDigits - digits.size(), '0');
+    if (digits.size() < kLengthOfNumber) key.append(kLengthOfNumber - digits.size(), '0');
     key += digits;
     const std::string_view text = name.substr(0, name.find_first_of(kAllDigits));
     key += text;

@@ -16,6 +16,10 @@ if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU" AND CMAKE_CXX_COMPILER_VERSION VERSION_G
   target_compile_options(raylift_options INTERFACE
     "$<$<CONFIG:Release>:-Wno-restrict;-Wno-stringop-overflow;-Wno-stringop-overread;-Wno-array-bounds>")
 endif()
+# GCC takes a file that is compiled with others for a header, which may have no types of its own.
+if(CMAKE_UNITY_BUILD AND CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
+  target_compile_options(raylift_options INTERFACE -Wno-subobject-linkage)
+endif()
 # TBB asks this of those who link it, and the precompiled header must know it of all.
 target_compile_definitions(raylift_options INTERFACE $<$<CONFIG:Debug>:TBB_USE_DEBUG>)
 if(RAYLIFT_SANITIZE)

@@ -194,7 +194,7 @@ std::vector<DepthMetric> MakeMetrics() {
   return metrics;
 }
 
-std::string Field(const Value& value, int digits) {
+std::string Cell(const Value& value, int digits) {
   if (!value) return "";
   return fmt::format("{:.{}f}", *value, digits);
 }
@@ -324,7 +324,7 @@ std::string ProtocolText(const DepthComparison& comparison, DepthProtocol protoc
         if (!is_compared(image)) return std::nullopt;
         return column.value(*image.errors.at(protocol));
       });
-      row.push_back(mean ? Field(mean, column.digits) : "-");
+      row.push_back(mean ? Cell(mean, column.digits) : "-");
     }
     rows.push_back(std::move(row));
   }
@@ -386,7 +386,7 @@ std::string Advice(const DepthComparison& comparison) {
                             [best](const auto& known) { return known.first == best; });
     if (use == uses.end()) use = uses.insert(use, {best, {}});
     use->second += fmt::format("{}{} ({} {})", use->second.empty() ? "" : ", ", purpose.name,
-                               metric.title, Field(ValueOfSource(*best, metric), metric.digits));
+                               metric.title, Cell(ValueOfSource(*best, metric), metric.digits));
   }
   std::string text;
   for (const auto& [source, purposes] : uses) {
@@ -424,7 +424,7 @@ std::string FormatComparisonText(const DepthComparison& comparison,
     TableRow row = {Printable(source.name) + (source.is_truth ? " (truth)" : "")};
     for (const DepthMetric* metric : columns) {
       const Value value = ValueOfSource(source, *metric);
-      row.push_back(value ? Field(value, metric->digits) : "-");
+      row.push_back(value ? Cell(value, metric->digits) : "-");
     }
     rows.push_back(std::move(row));
   }

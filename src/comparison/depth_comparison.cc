@@ -21,9 +21,9 @@ namespace {
 constexpr int kDistanceBins = 10;
 constexpr double kSmoothFront = 0.03;  // edges per pixel: below, what stands in front has none
 
-using Value = std::function<std::optional<double>(const ImageComparison&)>;
+using ValueOfImage = std::function<std::optional<double>(const ImageComparison&)>;
 
-std::vector<double> Collect(const SourceComparison& source, const Value& value) {
+std::vector<double> Collect(const SourceComparison& source, const ValueOfImage& value) {
   std::vector<double> values;
   for (const ImageComparison& image : source.images) {
     if (const auto v = value(image)) values.push_back(*v);
@@ -56,13 +56,13 @@ void JudgeNoise(SourceComparison& source) {
 
 void JudgeByTruth(SourceComparison& source) {
   SourceTraits& traits = source.traits;
-  const auto of_deviation = [](double DepthDeviation::*member) -> Value {
+  const auto of_deviation = [](double DepthDeviation::*member) -> ValueOfImage {
     return [member](const ImageComparison& image) -> std::optional<double> {
       if (!image.deviation) return std::nullopt;
       return (*image.deviation).*member;
     };
   };
-  const Value log_scale = of_deviation(&DepthDeviation::log_scale);
+  const ValueOfImage log_scale = of_deviation(&DepthDeviation::log_scale);
   traits.log_scale = MedianOverImages(source, log_scale);
   traits.log_scale_sigma = RobustSigma(Collect(source, log_scale));
   traits.warp_sigma = MedianOverImages(source, of_deviation(&DepthDeviation::warp_sigma));
@@ -82,8 +82,12 @@ void JudgeByTruth(SourceComparison& source) {
 // Matches say more of the scale than views do, where there are some.
 void JudgeWithoutTruth(SourceComparison& source) {
   SourceTraits& traits = source.traits;
-  const Value by_matches = [](const ImageComparison& image) { return image.match_log_scale; };
-  const Value by_views = [](const ImageComparison& image) { return image.relative_log_scale; };
+  const ValueOfImage by_matches = [](const ImageComparison& image) {
+    return image.match_log_scale;
+  };
+  const ValueOfImage by_views = [](const ImageComparison& image) {
+    return image.relative_log_scale;
+  };
   const auto match_scales = Collect(source, by_matches);
   const auto view_scales = Collect(source, by_views);
   traits.log_scale =
@@ -102,7 +106,7 @@ void JudgeWithoutTruth(SourceComparison& source) {
 
 void Judge(bool has_truth, SourceComparison& source) {
   SourceTraits& traits = source.traits;
-  const auto median = [&](const Value& value) { return MedianOverImages(source, value); };
+  const auto median = [&](const ValueOfImage& value) { return MedianOverImages(source, value); };
   if (has_truth && !source.is_truth) {
     JudgeByTruth(source);
   } else if (!has_truth) {
@@ -317,7 +321,7 @@ DepthComparison CompareDepth(std::span<const ComparedSource> sources,
   return Comparer(sources, images, matches, options).Run();
 }
 
-std::optional<double> MeanOverImages(const SourceComparison& source, const Value& value) {
+std::optional<double> MeanOverImages(const SourceComparison& source, const ValueOfImage& value) {
   const auto values = Collect(source, value);
   if (values.empty()) return std::nullopt;
   double sum = 0;
@@ -325,7 +329,7 @@ std::optional<double> MeanOverImages(const SourceComparison& source, const Value
   return sum / static_cast<double>(values.size());
 }
 
-std::optional<double> MedianOverImages(const SourceComparison& source, const Value& value) {
+std::optional<double> MedianOverImages(const SourceComparison& source, const ValueOfImage& value) {
   auto values = Collect(source, value);
   if (values.empty()) return std::nullopt;
   return MidpointMedianInPlace(std::span(values));

@@ -141,11 +141,11 @@ class Photographs {
   std::map<std::string, std::string> moved_;  // by name: what the file says
 };
 
-class Reader {
+class NerfstudioReader {
  public:
   enum class Missing { kSkip, kKeep };  // frames without a photograph
 
-  Reader(const path& file, const ImportOptions& options, Missing missing = Missing::kSkip)
+  NerfstudioReader(const path& file, const ImportOptions& options, Missing missing = Missing::kSkip)
       : file_(file),
         folder_(file.has_parent_path() ? file.parent_path() : path(".")),
         document_(ReadFile(file), file),
@@ -268,7 +268,8 @@ void WarnOfFloats(const path& file, ImportedScene& scene) {
 }
 
 // Depth maps of all frames, if they are called after the photographs.
-void TakeDepth(const Reader& reader, const std::vector<Frame>& frames, ImportedScene& scene) {
+void TakeDepth(const NerfstudioReader& reader, const std::vector<Frame>& frames,
+               ImportedScene& scene) {
   const auto with_depth =
       std::find_if(frames.begin(), frames.end(), [](const Frame& f) { return !f.depth.empty(); });
   if (with_depth == frames.end()) return;
@@ -305,7 +306,7 @@ std::vector<PosedImage> ImagesOf(const std::vector<Frame>& frames) {
   return images;
 }
 
-ImportedScene SceneOf(const Reader& reader) {
+ImportedScene SceneOf(const NerfstudioReader& reader) {
   ImportedScene scene = SceneOfFolder(reader.folder());
   scene.images = scene.query_images = reader.photographs().root();
   scene.notes = reader.notes();
@@ -313,7 +314,7 @@ ImportedScene SceneOf(const Reader& reader) {
 }
 
 ImportedScene ImportFile(const path& file, const ImportOptions& options) {
-  Reader reader(file, options);
+  NerfstudioReader reader(file, options);
   ImportedScene scene = SceneOf(reader);
   Skipped skipped;
   const std::vector<Frame> frames = reader.Frames(skipped);
@@ -341,7 +342,7 @@ ImportedScene ImportFile(const path& file, const ImportOptions& options) {
 // A file per split, as of the Blender scenes of NeRF.
 ImportedScene ImportSplitFiles(const path& folder, const path& queries,
                                const ImportOptions& options) {
-  Reader train(folder / "transforms_train.json", options), test(queries, options);
+  NerfstudioReader train(folder / "transforms_train.json", options), test(queries, options);
   ImportedScene scene = SceneOf(train);
   scene.query_images = test.photographs().root();
   Skipped skipped;
@@ -362,7 +363,7 @@ ImportedScene ImportSplitFiles(const path& folder, const path& queries,
 
 std::vector<PosedImage> ReadTransforms(const path& file, std::vector<std::string>& warnings) {
   const ImportOptions options;
-  Reader reader(file, options, Reader::Missing::kKeep);
+  NerfstudioReader reader(file, options, NerfstudioReader::Missing::kKeep);
   Skipped skipped;
   std::vector<PosedImage> images = ImagesOf(reader.Frames(skipped));
   skipped.AddWarnings(warnings);

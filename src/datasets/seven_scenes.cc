@@ -103,9 +103,9 @@ std::vector<std::string> ReadSequences(const path& file) {
 }
 
 // The poses and cameras of the photographs, by one of three readings of the data set.
-class Reader {
+class SevenScenesReader {
  public:
-  Reader(const path& folder, const ImportOptions& options)
+  SevenScenesReader(const path& folder, const ImportOptions& options)
       : folder_(folder), options_(options), camera_(options) {
     if (!options.pseudo_ground_truth.empty()) pgt_.emplace(options.pseudo_ground_truth, folder);
   }
@@ -186,7 +186,7 @@ class Reader {
 
 ImportedScenes Import7Scenes(const path& folder, const ImportOptions& options) {
   ImportedScene scene = SceneOfFolder(folder);
-  Reader reader(folder, options);
+  SevenScenesReader reader(folder, options);
   Skipped skipped;
   for (const std::string& sequence : ReadSequences(folder / "TrainSplit.txt")) {
     for (PosedImage& frame : reader.ReadFrames(sequence, skipped)) {

@@ -16,7 +16,7 @@ namespace {
 
 // So many of the query's features at once that their products with a reference of some thousand
 // features stay in the second-level cache.
-constexpr Eigen::Index kBlockRows = 32;
+constexpr Eigen::Index kRowsOfBlock = 32;
 
 struct Candidate {
   int reference_index;
@@ -96,9 +96,9 @@ std::vector<FeatureMatch> MatchMutualNearest(const Features& query, const Featur
   candidates.reserve(rows.count);
   std::vector<int32_t> column_best(num_columns, std::numeric_limits<int32_t>::min());
   std::vector<int32_t> column_best_row(num_columns, 0);
-  std::vector<int32_t> dots(kBlockRows * DotStride(columns));
-  for (Eigen::Index first = 0; first < rows.count; first += kBlockRows) {
-    const Eigen::Index num_rows = std::min(kBlockRows, rows.count - first);
+  std::vector<int32_t> dots(kRowsOfBlock * DotStride(columns));
+  for (Eigen::Index first = 0; first < rows.count; first += kRowsOfBlock) {
+    const Eigen::Index num_rows = std::min(kRowsOfBlock, rows.count - first);
     ComputeDots(rows, first, num_rows, columns, dots);
     for (Eigen::Index i = 0; i < num_rows; ++i) {
       const std::span<const int32_t> row(dots.data() + i * DotStride(columns), num_columns);

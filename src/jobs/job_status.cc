@@ -12,7 +12,7 @@
 namespace raylift {
 namespace {
 
-using nlohmann::json;
+using Json = nlohmann::ordered_json;
 using std::filesystem::path;
 using State = ShardStatus::State;
 
@@ -23,13 +23,13 @@ struct Header {
 
 Header ParseHeader(const path& file, const std::string& text) {
   try {
-    const json header = json::parse(text);
-    const json& tasks = header.at("tasks");
+    const Json header = Json::parse(text);
+    const Json& tasks = header.at("tasks");
     // One that is no whole number would be made one, whether or not it fits.
     if (tasks.is_number_unsigned()) {
       return {header.at("command").get<std::string>(), tasks.get<size_t>()};
     }
-  } catch (const json::exception&) {  // said below
+  } catch (const Json::exception&) {  // said below
   }
   throw InputError(file, "line 1", "is no header of a job");
 }
@@ -37,7 +37,7 @@ Header ParseHeader(const path& file, const std::string& text) {
 std::set<std::string> NamesOfTasks(const ManifestText& manifest) {
   std::set<std::string> names;
   for (const std::string& line : manifest.lines) {
-    const json task = json::parse(line, nullptr, /*allow_exceptions=*/false);
+    const Json task = Json::parse(line, nullptr, /*allow_exceptions=*/false);
     if (task.is_object() && task.contains("name")) names.insert(task["name"].dump());
   }
   return names;

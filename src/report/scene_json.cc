@@ -23,7 +23,7 @@ void AppendBytes(std::string& bytes, const T* values, size_t count) {
 }
 
 // Short numbers: five digits are plenty for a drawing.
-Json ToJson(const Eigen::Vector3d& v) {
+Json RoundedJson(const Eigen::Vector3d& v) {
   Json json = Json::array();
   for (const double value : {v.x(), v.y(), v.z()}) {
     json.push_back(std::round(value * 1e5) / 1e5);
@@ -119,12 +119,12 @@ Json SceneJson::Build() const {
     nlohmann::ordered_json json = {
         {"kind", camera.kind},
         {"name", camera.name},
-        {"center", ToJson(camera.cam_from_world.OriginInSource() - origin)},
+        {"center", RoundedJson(camera.cam_from_world.OriginInSource() - origin)},
         {"axes",
-         {ToJson(axes.row(0).transpose()), ToJson(axes.row(1).transpose()),
-          ToJson(axes.row(2).transpose())}},
+         {RoundedJson(axes.row(0).transpose()), RoundedJson(axes.row(1).transpose()),
+          RoundedJson(axes.row(2).transpose())}},
         {"ratio", camera.ratio}};
-    if (camera.from) json["from"] = ToJson(*camera.from - origin);
+    if (camera.from) json["from"] = RoundedJson(*camera.from - origin);
     cameras.push_back(std::move(json));
   }
   if (!(up.norm() > 0)) up = Eigen::Vector3d::UnitZ();
@@ -133,7 +133,7 @@ Json SceneJson::Build() const {
   Json scene = {{"points", EncodeBase64(floats)},
                 {"colors", EncodeBase64(colors_)},
                 {"cameras", cameras},
-                {"up", {ToJson(first), ToJson(up.cross(first)), ToJson(up)}}};
+                {"up", {RoundedJson(first), RoundedJson(up.cross(first)), RoundedJson(up)}}};
   if (!mesh_.triangles.empty()) scene["mesh"] = MeshJson(origin);
   return scene;
 }

@@ -19,7 +19,7 @@ namespace raylift {
 namespace {
 
 using Eigen::Vector3d;
-using nlohmann::json;
+using Json = nlohmann::json;
 
 // Lists around the surfaces of a geometry: 1 of surfaces, 2 of shells, 3 of solids.
 const std::map<std::string, int, std::less<>> kListsOfType = {{"MultiSurface", 1},
@@ -29,7 +29,7 @@ const std::map<std::string, int, std::less<>> kListsOfType = {{"MultiSurface", 1
                                                               {"CompositeSolid", 3}};
 
 // Returns whether an object is inside another one, where it is not seen.
-bool IsInterior(std::string_view type) {
+bool IsInteriorType(std::string_view type) {
   return type.ends_with("Room") || type.ends_with("Storey") || type.ends_with("Unit") ||
          type.ends_with("HollowSpace") || (type.ends_with("Furniture") && type != "CityFurniture");
 }
@@ -40,7 +40,7 @@ class CityJsonReader {
                  std::optional<double> level)
       : path_(path), level_(level), mesh_(path, contents.size()) {
     // Its parser calls itself for nothing, however deep lists are nested.
-    root_ = json::parse(contents, nullptr, /*allow_exceptions=*/false);
+    root_ = Json::parse(contents, nullptr, /*allow_exceptions=*/false);
     if (!root_.is_object()) {
       Fail("JSON",
            "expected one object, the file is damaged, truncated or CityJSONSeq, which `cjseq "
@@ -55,7 +55,7 @@ class CityJsonReader {
       Fail("version", "expected 1.0, 1.1 or 2.0");
     }
     ReadVertices();
-    const json& objects = Member("CityObjects", root_, "CityObjects");
+    const Json& objects = Member("CityObjects", root_, "CityObjects");
     if (!objects.is_object()) Fail("CityObjects", "expected an object");
     std::map<std::string, Chosen> chosen;
     for (const auto& [id, object] : objects.items()) chosen.emplace(id, Choose(id, object));
@@ -75,13 +75,13 @@ class CityJsonReader {
   struct Vertices {
     const std::vector<Vector3d>& points;
     std::optional<Eigen::Matrix<double, 3, 4>> world_from_template;
-    const json& kinds;
+    const Json& kinds;
   };
 
   // The geometry that is taken of an object, if it has any.
   struct Chosen {
     std::string place;
-    const json* geometry = nullptr;
+    const Json* geometry = nullptr;
     double level = 0;
   };
 
@@ -89,34 +89,34 @@ class CityJsonReader {
     throw InputError(path_, place, message);
   }
 
-  const json& Member(const std::string& place, const json& object, const char* name) const {
+  const Json& Member(const std::string& place, const Json& object, const char* name) const {
     const auto found = object.find(name);
     if (!object.is_object() || found == object.end()) Fail(place, "is missing");
     return *found;
   }
 
-  std::string Text(const std::string& place, const json& object, const char* name) const {
-    const json& value = Member(place, object, name);
+  std::string Text(const std::string& place, const Json& object, const char* name) const {
+    const Json& value = Member(place, object, name);
     if (!value.is_string()) Fail(place, "expected a text");
     return value.get<std::string>();
   }
 
-  const json& List(const std::string& place, const json& value) const {
+  const Json& List(const std::string& place, const Json& value) const {
     if (!value.is_array()) Fail(place, "expected a list");
     return value;
   }
 
-  Vector3d Point(const CityMesh::Place& place, const json& value) const {
+  Vector3d Point(const CityMesh::Place& place, const Json& value) const {
     const bool good = value.is_array() && value.size() == 3 && value[0].is_number() &&
                       value[1].is_number() && value[2].is_number();
     if (!good) Fail(place(), "expected three numbers");
     return {value[0].get<double>(), value[1].get<double>(), value[2].get<double>()};
   }
 
-  std::vector<Vector3d> Points(const std::string& place, const json& list) const {
+  std::vector<Vector3d> Points(const std::string& place, const Json& list) const {
     std::vector<Vector3d> points;
     points.reserve(List(place, list).size());
-    for (const json& point : list) {
+    for (const Json& point : list) {
       points.push_back(Point([&] { return fmt::format("{}[{}]", place, points.size()); }, point));
     }
     return points;
@@ -135,7 +135,7 @@ class CityJsonReader {
   }
 
   // Returns the level of detail, "2.1" or in 1.0 also a number; 0 where there is none.
-  double LevelOf(const std::string& place, const json& geometry) const {
+  double LevelOf(const std::string& place, const Json& geometry) const {
     const auto found = geometry.find("lod");
     if (found == geometry.end()) return 0;
     const auto level = found->is_number()   ? std::optional(found->get<double>())
@@ -146,18 +146,18 @@ class CityJsonReader {
   }
 
   // Returns the type of an object or a geometry; empty where it has none.
-  static std::string TypeOf(const json& object) {
+  static std::string TypeOf(const Json& object) {
     const auto found = object.find("type");
     const bool is_text = object.is_object() && found != object.end() && found->is_string();
     return is_text ? found->get<std::string>() : "";
   }
 
   // Returns what a geometry is an instance of; null of others.
-  const json* TemplateOf(const std::string& place, const json& geometry) const {
+  const Json* TemplateOf(const std::string& place, const Json& geometry) const {
     if (TypeOf(geometry) != "GeometryInstance") return nullptr;
-    const json& index = Member(place + ".template", geometry, "template");
-    const json& all = Member("geometry-templates", root_, "geometry-templates");
-    const json& list = Member("geometry-templates.templates", all, "templates");
+    const Json& index = Member(place + ".template", geometry, "template");
+    const Json& all = Member("geometry-templates", root_, "geometry-templates");
+    const Json& list = Member("geometry-templates.templates", all, "templates");
     if (!index.is_number_unsigned() || !list.is_array() || index.get<uint64_t>() >= list.size()) {
       Fail(place + ".template", "expected an index of one of the templates");
     }
@@ -165,20 +165,20 @@ class CityJsonReader {
   }
 
   // Returns the geometry of the level that is taken.
-  Chosen Choose(const std::string& id, const json& object) const {
+  Chosen Choose(const std::string& id, const Json& object) const {
     const std::string place = fmt::format("CityObjects.{}", id);
     if (!object.is_object()) Fail(place, "expected an object");
     const auto geometries = object.find("geometry");
-    if (geometries == object.end() || IsInterior(TypeOf(object))) return {};
+    if (geometries == object.end() || IsInteriorType(TypeOf(object))) return {};
     List(place + ".geometry", *geometries);
     std::vector<Chosen> candidates;
     std::vector<double> levels;
     for (size_t i = 0; i < geometries->size(); ++i) {
-      const json& geometry = (*geometries)[i];
+      const Json& geometry = (*geometries)[i];
       const std::string at = fmt::format("{}.geometry[{}]", place, i);
       if (!geometry.is_object()) Fail(at, "expected an object");
-      const json* const model = TemplateOf(at, geometry);
-      const json& shape = model == nullptr ? geometry : *model;
+      const Json* const model = TemplateOf(at, geometry);
+      const Json& shape = model == nullptr ? geometry : *model;
       if (!shape.is_object() || !kListsOfType.contains(TypeOf(shape))) continue;
       levels.push_back(LevelOf(at, shape));
       candidates.push_back({at, &geometry, levels.back()});
@@ -189,25 +189,25 @@ class CityJsonReader {
 
   // Returns whether a building's own geometry gives way to that of its parts; other children, as
   // chimneys, do not replace it.
-  static bool HasFinerPart(const json& objects, const json& object, const Chosen& own,
+  static bool HasFinerPart(const Json& objects, const Json& object, const Chosen& own,
                            const std::map<std::string, Chosen>& chosen) {
     const auto children = object.find("children");
     if (children == object.end() || !children->is_array()) return false;
-    return std::any_of(children->begin(), children->end(), [&](const json& child) {
+    return std::any_of(children->begin(), children->end(), [&](const Json& child) {
       const auto found = child.is_string() ? chosen.find(child.get<std::string>()) : chosen.end();
       return found != chosen.end() && found->second.geometry != nullptr &&
              found->second.level > own.level && TypeOf(objects[found->first]).ends_with("Part");
     });
   }
 
-  void AddGeometry(const std::string& place, const json& geometry) {
-    const json* const model = TemplateOf(place, geometry);
-    const json& shape = model == nullptr ? geometry : *model;
-    const json& boundaries = Member(place + ".boundaries", shape, "boundaries");
+  void AddGeometry(const std::string& place, const Json& geometry) {
+    const Json* const model = TemplateOf(place, geometry);
+    const Json& shape = model == nullptr ? geometry : *model;
+    const Json& boundaries = Member(place + ".boundaries", shape, "boundaries");
     const int lists = kListsOfType.at(TypeOf(shape));
-    const json& semantics = MemberOf(shape, "semantics");
-    const json& kinds = MemberOf(semantics, "surfaces");
-    const json& values = MemberOf(semantics, "values");
+    const Json& semantics = MemberOf(shape, "semantics");
+    const Json& kinds = MemberOf(semantics, "surfaces");
+    const Json& values = MemberOf(semantics, "values");
     if (model == nullptr) {
       AddSurfaces(place + ".boundaries", boundaries, lists, {vertices_, std::nullopt, kinds},
                   values);
@@ -218,18 +218,18 @@ class CityJsonReader {
   }
 
   // Return an object's member and a list's item; null where it has none, or is no such thing.
-  static const json& MemberOf(const json& value, const char* name) {
+  static const Json& MemberOf(const Json& value, const char* name) {
     const auto found = value.find(name);
     return found == value.end() ? kNull : *found;
   }
-  static const json& ItemOf(const json& value, size_t index) {
+  static const Json& ItemOf(const Json& value, size_t index) {
     return value.is_array() && index < value.size() ? value[index] : kNull;
   }
 
   // Returns the vertices of all templates, which the first instance of one reads.
   const std::vector<Vector3d>& TemplateVertices() {
     if (!template_vertices_) {
-      const json& all = Member("geometry-templates", root_, "geometry-templates");
+      const Json& all = Member("geometry-templates", root_, "geometry-templates");
       template_vertices_ =
           Points("vertices-templates", Member("vertices-templates", all, "vertices-templates"));
     }
@@ -237,15 +237,15 @@ class CityJsonReader {
   }
 
   Eigen::Matrix<double, 3, 4> WorldFromTemplate(const std::string& place,
-                                                const json& instance) const {
-    const json& matrix = Member(place + ".transformationMatrix", instance, "transformationMatrix");
+                                                const Json& instance) const {
+    const Json& matrix = Member(place + ".transformationMatrix", instance, "transformationMatrix");
     const bool good = matrix.is_array() && matrix.size() == 16 &&
                       std::all_of(matrix.begin(), matrix.end(),
-                                  [](const json& value) { return value.is_number(); });
+                                  [](const Json& value) { return value.is_number(); });
     if (!good) Fail(place + ".transformationMatrix", "expected 16 numbers");
     Eigen::Matrix<double, 3, 4> rows;
     for (int i = 0; i < 12; ++i) rows(i / 4, i % 4) = matrix[static_cast<size_t>(i)].get<double>();
-    const json& at = Member(place + ".boundaries", instance, "boundaries");
+    const Json& at = Member(place + ".boundaries", instance, "boundaries");
     if (List(place + ".boundaries", at).size() != 1) {
       Fail(place + ".boundaries", "expected one index of a vertex");
     }
@@ -253,7 +253,7 @@ class CityJsonReader {
     return rows;
   }
 
-  const Vector3d& VertexAt(const std::string& place, const json& index,
+  const Vector3d& VertexAt(const std::string& place, const Json& index,
                            const std::vector<Vector3d>& vertices) const {
     if (!index.is_number_unsigned() || index.get<uint64_t>() >= vertices.size()) {
       Fail(place, fmt::format("expected an index of one of {} vertices", vertices.size()));
@@ -262,8 +262,8 @@ class CityJsonReader {
   }
 
   // `kinds`: of each surface, an index of one of the vertices' kinds, in lists as the boundaries.
-  void AddSurfaces(const std::string& place, const json& boundaries, int lists,
-                   const Vertices& vertices, const json& kinds) {
+  void AddSurfaces(const std::string& place, const Json& boundaries, int lists,
+                   const Vertices& vertices, const Json& kinds) {
     List(place, boundaries);
     constexpr size_t kReads = 10;  // a list takes as long as some corners, and may be empty
     mesh_.CountRead([&] { return place; }, kReads);
@@ -274,9 +274,9 @@ class CityJsonReader {
         continue;
       }
       std::vector<std::vector<Vector3d>> rings;
-      for (const json& ring : List(at, boundaries[i])) {
+      for (const Json& ring : List(at, boundaries[i])) {
         rings.emplace_back();
-        for (const json& index : List(at, ring)) {
+        for (const Json& index : List(at, ring)) {
           rings.back().push_back(VertexAt(at, index, vertices.points));
         }
         if (!vertices.world_from_template) continue;
@@ -284,7 +284,7 @@ class CityJsonReader {
           p = (*vertices.world_from_template * p.homogeneous()).eval();
         }
       }
-      const json& kind = ItemOf(kinds, i);
+      const Json& kind = ItemOf(kinds, i);
       mesh_.AddPolygon(
           [&] { return at; }, std::move(rings),
           kind.is_number_unsigned() ? TypeOf(ItemOf(vertices.kinds, kind.get<size_t>())) : "");
@@ -299,12 +299,12 @@ class CityJsonReader {
     mesh_.CheckPlace("metadata.referenceSystem", system->get<std::string>());
   }
 
-  static inline const json kNull;
+  static inline const Json kNull;
 
   const std::filesystem::path& path_;
   std::optional<double> level_;
   CityMesh mesh_;
-  json root_;
+  Json root_;
   std::vector<Vector3d> vertices_;
   std::optional<std::vector<Vector3d>> template_vertices_;
 };

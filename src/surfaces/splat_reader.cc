@@ -285,13 +285,13 @@ class PackedHarmonics {
 };
 
 Splats ReadCompressed(const path& file, const PlyHeader& header, std::string_view contents) {
-  constexpr size_t kChunk = 256;  // Gaussians that share a row of the element chunk
+  constexpr size_t kGaussiansOfRow = 256;  // Gaussians that share a row of the element chunk
   const PlyColumns chunks(file, header, contents, "chunk");
   const PlyColumns columns(file, header, contents, "vertex");
-  if (chunks.num_rows() * kChunk < columns.num_rows()) {
+  if (chunks.num_rows() * kGaussiansOfRow < columns.num_rows()) {
     throw InputError(file, "element chunk",
-                     fmt::format("expected one for each {} of {} vertices, found {}", kChunk,
-                                 columns.num_rows(), chunks.num_rows()));
+                     fmt::format("expected one for each {} of {} vertices, found {}",
+                                 kGaussiansOfRow, columns.num_rows(), chunks.num_rows()));
   }
   const ChunkRange means = ChunkRange::Of(chunks, {"x", "y", "z"});
   const ChunkRange scales = ChunkRange::Of(chunks, {"scale_x", "scale_y", "scale_z"});
@@ -308,7 +308,7 @@ Splats ReadCompressed(const path& file, const PlyHeader& header, std::string_vie
                            true);
   std::vector<Eigen::Vector3f> harmonics(1 + packed_harmonics.per_channel());
   for (size_t row = 0; row < columns.num_rows(); ++row) {
-    const size_t chunk = row / kChunk;
+    const size_t chunk = row / kGaussiansOfRow;
     const auto bits = [&](size_t i) { return static_cast<uint32_t>(columns.At(row, packed[i])); };
     RawSplat splat;
     splat.mean = means.At(chunks, chunk, Unpack111011(bits(0)));

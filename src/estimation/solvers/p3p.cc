@@ -342,7 +342,7 @@ struct TriangleOfRays {
 };
 
 // Right-handed axes of a triangle: along its first side, in its plane, across.
-Matrix3d AxesOf(const Vector3d& first_side, const Vector3d& second_side) {
+Matrix3d AxesOfTriangle(const Vector3d& first_side, const Vector3d& second_side) {
   Matrix3d axes;
   axes.col(0) = first_side.normalized();
   axes.col(2) = first_side.cross(second_side).normalized();
@@ -395,7 +395,7 @@ int SolveGeneralizedP3p(const std::array<Vector3d, 3>& centers, const std::array
   std::array<double, 8> roots;
   const int num_roots = RealRoots<8>(of_x, roots);
 
-  const Matrix3d axes_in_world = AxesOf(side12, side13);
+  const Matrix3d axes_in_world = AxesOfTriangle(side12, side13);
   int count = 0;
   for (int i = 0; i < num_roots; ++i) {
     const double x = roots[static_cast<size_t>(i)];
@@ -410,7 +410,7 @@ int SolveGeneralizedP3p(const std::array<Vector3d, 3>& centers, const std::array
     }
     CamFromLocal& pose = poses[static_cast<size_t>(count)];
     pose.rotation =
-        AxesOf(points_in_rig[1] - points_in_rig[0], points_in_rig[2] - points_in_rig[0]) *
+        AxesOfTriangle(points_in_rig[1] - points_in_rig[0], points_in_rig[2] - points_in_rig[0]) *
         axes_in_world.transpose();
     pose.translation = points_in_rig[0] - pose.rotation * points_in_world[0];
     if (pose.rotation.allFinite() && pose.translation.allFinite()) ++count;

@@ -19,7 +19,7 @@ namespace {
 
 using std::filesystem::path;
 
-constexpr std::string_view kMagic("SQLite format 3\0", 16);
+constexpr std::string_view kMagicOfSqlite("SQLite format 3\0", 16);
 
 struct CloseDatabase {
   void operator()(sqlite3* database) const { sqlite3_close(database); }
@@ -117,7 +117,7 @@ bool IsColmapDatabase(const path& file) {
   std::ifstream stream(file, std::ios::binary);
   std::array<char, 16> start{};
   return stream.read(start.data(), start.size()) &&
-         std::string_view(start.data(), start.size()) == kMagic;
+         std::string_view(start.data(), start.size()) == kMagicOfSqlite;
 }
 
 struct ColmapDatabase::Impl {

@@ -31,7 +31,7 @@ namespace {
 
 using std::filesystem::path;
 
-constexpr std::string_view kMagic("\x76\x2f\x31\x01", 4);
+constexpr std::string_view kMagicOfExr("\x76\x2f\x31\x01", 4);
 
 // The type of file positions differs between OpenEXR's versions.
 using Position = decltype(std::declval<Imf::IStream&>().tellg());
@@ -362,10 +362,10 @@ std::string EncodeSlices(const path& file, PlaneSize size, Imf::PixelType type,
 
 }  // namespace
 
-bool IsExr(std::string_view bytes) { return bytes.starts_with(kMagic); }
+bool IsExr(std::string_view bytes) { return bytes.starts_with(kMagicOfExr); }
 
 StoredDepth DecodeExr(const path& file, std::string_view bytes, const std::string& channel) {
-  AttributeCheck(file, bytes.substr(kMagic.size())).Run();
+  AttributeCheck(file, bytes.substr(kMagicOfExr.size())).Run();
   MemoryInput stream(bytes);
   try {
     Imf::MultiPartInputFile input(stream, 0);
