@@ -13,6 +13,7 @@ import re
 import shutil
 import subprocess
 import sys
+import time
 
 
 def blocks_of(language, text):
@@ -47,7 +48,9 @@ def main():
         if cannot_fuse and "raylift fuse" in block:
             continue
         print(block, flush=True)
+        start = time.monotonic()
         subprocess.run(["bash", "-euo", "pipefail", "-c", block], cwd=work, env=environment, check=True)
+        print(f"# {time.monotonic() - start:.0f} s\n", flush=True)
 
     for script in blocks_of("python", pages):
         if len(sys.argv) > 4:

@@ -3,12 +3,15 @@
 #include <memory>
 #include <numbers>
 
+#include "features/cv_image.h"
 #include "localization/alignment/edge_aligner.h"
 #include "localization/alignment/edge_image.h"
 #include "localization/alignment/edge_turns.h"
 #include "localization/alignment/scene_edges.h"
 #include "support/meshes.h"
+#include "support/test_data.h"
 #include <gtest/gtest.h>
+#include <opencv2/imgproc.hpp>
 
 #include "raylift/base/error.h"
 #include "raylift/io/image_file.h"
@@ -113,6 +116,7 @@ class DemoAlignment : public testing::Test {
     static const MeshScene mesh = LoadMeshScene({"mesh:" + (kDemo / "scene.obj").string()});
     const Query query = ReadQueryList(kDemo / "queries.txt").at(index);
     truth_ = PosesOf(LoadReferences(kDemo / "ground_truth", 1).references).at(query.name);
+    if (roll_deg_ != 0) RollCamera(query);
     const Eigen::Quaterniond rotation =
         RotationFromVector(turn_deg * std::numbers::pi / 180) * truth_.rotation;
     PoseProblem problem;
@@ -121,9 +125,30 @@ class DemoAlignment : public testing::Test {
     problem.priors.position = {.position = truth_.OriginInSource() + shift,
                                .sigma = Eigen::Vector3d::Constant(sigma_m)};
     problem.priors.orientation = {.cam_from_world = rotation, .sigma_deg = sigma_deg};
-    return EdgeAligner(mesh.caster, kDemo / "images", 1).Estimate(problem);
+    return EdgeAligner(mesh.caster, photographs_, 1).Estimate(problem);
   }
   Rigid3 truth_;
+  double roll_deg_ = 0;
+
+ private:
+  // Turns the photograph about its principal point, as its camera about its axis: its lens has one
+  // focal length and is distorted radially.
+  void RollCamera(const Query& query) {
+    ASSERT_EQ(query.camera.model(), CameraModel::kSimpleRadial);
+    Image image = ReadImage(kDemo / "images" / query.name, ImageChannels::kGray);
+    const auto params = query.camera.params();
+    const cv::Point2d principal_point(params[1] - 0.5, params[2] - 0.5);
+    const cv::Mat photograph = AsMat(image).clone();
+    cv::Mat rolled(image.height_px, image.width_px, CV_8U, image.data.data());
+    cv::warpAffine(photograph, rolled, cv::getRotationMatrix2D(principal_point, -roll_deg_, 1),
+                   rolled.size(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+    photographs_ = TestFolder();
+    std::filesystem::create_directories((photographs_ / query.name).parent_path());
+    WriteImage(photographs_ / query.name, image, 100);
+    const Eigen::AngleAxisd roll(roll_deg_ * std::numbers::pi / 180, Eigen::Vector3d::UnitZ());
+    truth_ = Rigid3{Eigen::Quaterniond(roll), Eigen::Vector3d::Zero()} * truth_;
+  }
+  std::filesystem::path photographs_ = kDemo / "images";
 };
 
 TEST_F(DemoAlignment, FromAPriorNearByIsExactAndSure) {
@@ -132,7 +157,12 @@ TEST_F(DemoAlignment, FromAPriorNearByIsExactAndSure) {
   EXPECT_EQ(estimate.verdict, PoseVerdict::kLocalized);
   EXPECT_LT((estimate.cam_from_world->OriginInSource() - truth_.OriginInSource()).norm(), 0.03);
   EXPECT_LT(AngleBetweenDeg(estimate.cam_from_world->rotation, truth_.rotation), 0.2);
+}
+
+TEST_F(DemoAlignment, IsTheSameAgain) {
+  const PoseEstimate estimate = Align({2, -1, 1}, {0.2, -0.3, 0.1});
   const PoseEstimate again = Align({2, -1, 1}, {0.2, -0.3, 0.1});
+  ASSERT_TRUE(estimate.cam_from_world && again.cam_from_world);
   EXPECT_EQ(again.cam_from_world->translation, estimate.cam_from_world->translation);
 }
 
@@ -155,6 +185,14 @@ TEST_F(DemoAlignment, FromAPriorSomewhereElseIsNotSure) {
   for (const Eigen::Vector3d& shift : {Eigen::Vector3d(4, 0, 0), Eigen::Vector3d(0, 20, 0)}) {
     EXPECT_NE(Align({0, 0, 0}, shift).verdict, PoseVerdict::kLocalized);
   }
+}
+
+TEST_F(DemoAlignment, ARolledCameraIsNotSureFromAPriorSomewhereElse) {
+  roll_deg_ = 25;
+  const PoseEstimate estimate = Align({2, -1, 1}, {0.2, -0.3, 0.1});
+  ASSERT_TRUE(estimate.cam_from_world);
+  EXPECT_LT((estimate.cam_from_world->OriginInSource() - truth_.OriginInSource()).norm(), 0.03);
+  EXPECT_NE(Align({0, 0, 0}, {4, 0, 0}).verdict, PoseVerdict::kLocalized);
 }
 
 }  // namespace

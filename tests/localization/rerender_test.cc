@@ -120,29 +120,66 @@ TEST_F(Rerender, SharpensByPatchesWhereFeaturesAreFew) {
   EXPECT_TRUE(IsNearPose(*result.localized.estimate.cam_from_world, truth(), 0.1, 0.003));
 }
 
-// The same pose, surer of it with patches.
-class SurerByPatches final : public PoseEstimator {
+// One pose for problems with patches, another for those without.
+class ByPatches final : public PoseEstimator {
  public:
-  explicit SurerByPatches(const Rigid3& pose) : given_(pose) {}
+  struct Answer {
+    Rigid3 cam_from_world;
+    double confidence = 0;
+    PoseVerdict verdict = PoseVerdict::kLocalized;
+  };
+  ByPatches(const Answer& without, const Answer& with) : without_(without), with_(with) {}
   PoseEstimate Estimate(const PoseProblem& problem) const override {
-    PoseEstimate estimate = given_.Estimate(problem);
     const bool has_patches = problem.references.back().name.ends_with("patches");
-    estimate.confidence = has_patches ? 1 : 0.5;
-    estimate.verdict = has_patches ? PoseVerdict::kLocalized : PoseVerdict::kDoubtful;
+    const Answer& answer = has_patches ? with_ : without_;
+    PoseEstimate estimate = GivenPose(answer.cam_from_world).Estimate(problem);
+    estimate.confidence = answer.confidence;
+    estimate.verdict = answer.verdict;
     return estimate;
   }
 
  private:
-  GivenPose given_;
+  Answer without_;
+  Answer with_;
 };
 
 TEST_F(Rerender, PatchesDoNotMakeAPoseSurer) {
   QueryResult result = LocalizedAt(MovedBy(truth(), {0.02, 0, 0}), false);
-  Make().Improve(query(), SurerByPatches(truth()), result);
+  Make().Improve(query(), ByPatches({truth(), 0.5, PoseVerdict::kDoubtful}, {truth(), 1}), result);
   ASSERT_EQ(result.localized.rerender_rounds, 1);
   EXPECT_EQ(result.problem.references.back().name, "rerender/1/patches");
   EXPECT_EQ(result.localized.estimate.confidence, 0.5);
   EXPECT_EQ(result.localized.estimate.verdict, PoseVerdict::kDoubtful);
+}
+
+TEST_F(Rerender, PatchesAreNoSurerThanThePoseThatTheyWereFoundFrom) {
+  // The features' new pose is surer and worse: patches are found from the one before.
+  QueryResult result = LocalizedAt(MovedBy(truth(), {0.02, 0, 0}), false);
+  result.localized.estimate.confidence = 0.5;
+  result.localized.estimate.verdict = PoseVerdict::kDoubtful;
+  Make().Improve(
+      query(),
+      ByPatches({MovedBy(truth(), {0.1, 0, 0}), 0.9, PoseVerdict::kDoubtful}, {truth(), 1}),
+      result);
+  ASSERT_EQ(result.localized.rerender_rounds, 1);
+  EXPECT_EQ(result.localized.estimate.confidence, 0.5);
+  EXPECT_EQ(result.localized.estimate.verdict, PoseVerdict::kDoubtful);
+}
+
+TEST_F(Rerender, PatchesThatSupportTheirPoseLessAreLeftOut) {
+  QueryResult result = LocalizedAt(MovedBy(truth(), {0.02, 0, 0}), false);
+  Make().Improve(query(), ByPatches({truth(), 1}, {MovedBy(truth(), {0.01, 0, 0}), 1}), result);
+  ASSERT_EQ(result.localized.rerender_rounds, 1);
+  EXPECT_NE(result.problem.references.back().name, "rerender/1/patches");
+  EXPECT_TRUE(IsNearPose(*result.localized.estimate.cam_from_world, truth(), 1e-9, 1e-9));
+}
+
+TEST_F(Rerender, PatchesThatMakeASurePoseDoubtfulAreLeftOut) {
+  QueryResult result = LocalizedAt(MovedBy(truth(), {0.02, 0, 0}), false);
+  Make().Improve(query(), ByPatches({truth(), 1}, {truth(), 0.5, PoseVerdict::kDoubtful}), result);
+  ASSERT_EQ(result.localized.rerender_rounds, 1);
+  EXPECT_NE(result.problem.references.back().name, "rerender/1/patches");
+  EXPECT_EQ(result.localized.estimate.verdict, PoseVerdict::kLocalized);
 }
 
 TEST_F(Rerender, KeepsTheMatchesOfTheReferences) {
