@@ -37,6 +37,12 @@ def main():
     for script in re.findall(r"^    (\S+\.sh)$", readme, flags=re.MULTILINE):
         if not os.access(source / script, os.X_OK):
             sys.exit(f"README.md names {script}, which cannot be run")
+    # Its C++ programs are those that are built against the installed library.
+    programs = blocks_of("cpp", pages)
+    consumer = [file.read_text(encoding="utf-8")
+                for file in sorted((source / "tests/install/consumer").glob("*.cc"))]
+    if programs != consumer:
+        sys.exit("the programs in the pages are not those of tests/install/consumer")
     blocks = blocks_of("sh", pages)
     if not blocks:
         sys.exit("the pages hold no commands")
@@ -57,13 +63,6 @@ def main():
             print(script, flush=True)
             subprocess.run([sys.executable, "-c", script], cwd=work, check=True,
                            env=dict(environment, PYTHONPATH=sys.argv[4], PYTHONDONTWRITEBYTECODE="1"))
-
-    # Its C++ programs are those that are built against the installed library.
-    programs = blocks_of("cpp", pages)
-    consumer = [file.read_text(encoding="utf-8")
-                for file in sorted((source / "tests/install/consumer").glob("*.cc"))]
-    if programs != consumer:
-        sys.exit("the programs in the pages are not those of tests/install/consumer")
 
     demo = subprocess.run([source / "assets/demo/run.sh", work / "demo"], env=environment, check=True,
                           capture_output=True, text=True).stdout
