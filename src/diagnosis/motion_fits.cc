@@ -5,7 +5,6 @@
 #include <array>
 #include <cmath>
 #include <memory>
-#include <numbers>
 #include <utility>
 
 #include "base/constants.h"
@@ -313,7 +312,7 @@ DepthMap MisalignDepth(const DepthMap& map, const Camera& camera,
                                  misalignment.shift_px.y() * map.height_px / camera.height_px());
   const Eigen::Vector2d center = seen.principal_point_px();
   const Eigen::Quaterniond cam_from_map_camera =
-      RotationFromVector(misalignment.rotation_deg * (std::numbers::pi / 180));
+      RotationFromVector(misalignment.rotation_deg * kRadPerDeg);
   const bool is_turned = !misalignment.rotation_deg.isZero(0);
   DepthMap result{map.width_px, map.height_px, std::vector<float>(map.z.size(), 0.0F)};
   size_t i = 0;

@@ -54,7 +54,7 @@ KnownNoise Pool(const std::vector<Shown>& queries) {
 
 SceneNoise PoolNoise(std::span<const MatchNoise> queries) {
   // A tail of fewer errors is what was assumed before.
-  constexpr double kErrorsOfFirstTail = 30;
+  constexpr double kFewestErrorsOfTail = 30;
   std::vector<Shown> pixels, depths, commons;
   std::vector<double> tails;
   for (const MatchNoise& noise : queries) {
@@ -63,7 +63,7 @@ SceneNoise PoolNoise(std::span<const MatchNoise> queries) {
                       noise.keypoint_errors / (1 + 4 * noise.keypoint_tail)});
     depths.push_back({noise.depth * noise.depth, noise.depth_errors});
     commons.push_back({noise.common_depth * noise.common_depth, noise.common_depth_errors});
-    if (noise.keypoint_errors >= kErrorsOfFirstTail) tails.push_back(noise.keypoint_tail);
+    if (noise.keypoint_errors >= kFewestErrorsOfTail) tails.push_back(noise.keypoint_tail);
   }
   SceneNoise scene;
   scene.keypoint_px = Pool(pixels);

@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/constants.h"
 #include "geometry/axis_order.h"
 #include <Eigen/SVD>
 #include <dlfcn.h>
@@ -431,14 +432,14 @@ LocalFrame LocalFrameAt(const Crs& crs, const Vector3d& point) {
   }
   LocalFrame frame{.geographic = *there, .crs_from_enu = Matrix3d::Identity()};
   // Degrees per meter along the parallel and the meridian.
-  const double rad = std::numbers::pi / 180, sin_latitude = std::sin(there->y() * rad);
+  const double sin_latitude = std::sin(there->y() * kRadPerDeg);
   const double a = geographic.semi_major,
                e2 = 1 - std::pow(geographic.semi_minor / geographic.semi_major, 2);
   const double w2 = 1 - e2 * sin_latitude * sin_latitude;
   const double across = a / std::sqrt(w2) + there->z();
   const double along = a * (1 - e2) / std::pow(w2, 1.5) + there->z();
-  const Vector3d degrees_per_meter(1 / (across * std::cos(there->y() * rad) * rad),
-                                   1 / (along * rad), 1);
+  const Vector3d degrees_per_meter(1 / (across * std::cos(there->y() * kRadPerDeg) * kRadPerDeg),
+                                   1 / (along * kRadPerDeg), 1);
   constexpr double kStepMeters = 10;  // coordinates of 1e7 m then tell directions to 1e-10
   for (int axis = 0; axis < 3; ++axis) {
     const Vector3d step = Vector3d::Unit(axis) * degrees_per_meter[axis] * kStepMeters;

@@ -15,7 +15,6 @@
 #include "raylift/geometry/residuals.h"
 
 namespace raylift {
-namespace {}  // namespace
 
 void JoinGateOptions::Validate() const { CheckRanges(ConstFieldsOf(*this)); }
 

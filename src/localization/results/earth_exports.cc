@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "base/constants.h"
 #include "base/input_paths.h"
 #include "base/json_text.h"
 #include "io/text/line_tokens.h"
@@ -22,8 +23,6 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using Json = nlohmann::ordered_json;
 
-constexpr double kDegrees = 180 / std::numbers::pi;
-
 Matrix3d WorldFromCam(const Rigid3& cam_from_world) {
   return cam_from_world.rotation.conjugate().toRotationMatrix();
 }
@@ -32,10 +31,10 @@ Matrix3d WorldFromCam(const Rigid3& cam_from_world) {
 Json YawPitchRoll(const Matrix3d& r) {
   const double horizontal = std::hypot(r(0, 0), r(1, 0));
   const bool is_vertical = horizontal < 1e-9;
-  return {{"yaw", is_vertical ? kDegrees * std::atan2(-r(0, 1), r(1, 1))
-                              : kDegrees * std::atan2(r(1, 0), r(0, 0))},
-          {"pitch", kDegrees * std::atan2(-r(2, 0), horizontal)},
-          {"roll", is_vertical ? 0.0 : kDegrees * std::atan2(r(2, 1), r(2, 2))}};
+  return {{"yaw", is_vertical ? kDegPerRad * std::atan2(-r(0, 1), r(1, 1))
+                              : kDegPerRad * std::atan2(r(1, 0), r(0, 0))},
+          {"pitch", kDegPerRad * std::atan2(-r(2, 0), horizontal)},
+          {"roll", is_vertical ? 0.0 : kDegPerRad * std::atan2(r(2, 1), r(2, 2))}};
 }
 
 // The ellipse of a covariance in east and north that holds 95 %: the square root of chi squared's
@@ -48,8 +47,8 @@ Json Ellipse(const EarthFrame::Place& place, const Eigen::Matrix2d& covariance_m
       kQuantile * axes.eigenvectors() * axes.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal();
   // As GeoJSON's rings turn, counter-clockwise.
   const double turn = half_axes.determinant() < 0 ? -1 : 1;
-  constexpr double kMetersPerDegree = 6371008.8 / kDegrees;
-  const double shrink = std::cos(place.geographic.y() / kDegrees);
+  constexpr double kMetersPerDegree = 6371008.8 / kDegPerRad;
+  const double shrink = std::cos(place.geographic.y() / kDegPerRad);
   Json ring = Json::array();
   for (int i = 0; i <= kCorners; ++i) {
     const double angle = turn * 2 * std::numbers::pi * (i % kCorners) / kCorners;
