@@ -54,9 +54,7 @@ class BadInput : public ::testing::Test {
 // assimp ends the process that reads this file.
 TEST_F(BadInput, MeshThatEndsAssimpIsNamed) {
   const fs::path mesh = scene_.folder / "damaged.dae";
-  fs::copy_file(
-      fs::path(RAYLIFT_DEMO_FOLDER) / "../../tests/fuzz/findings/mesh_dae/reference_to_nothing",
-      mesh);
+  fs::copy_file(DemoFolder() / "../../tests/fuzz/findings/mesh_dae/reference_to_nothing", mesh);
   EXPECT_TRUE(FailsWith(3, {"damaged.dae", "cannot be read as a mesh: the file is damaged"},
                         RunWithMesh(mesh)));
 }

@@ -16,13 +16,12 @@ namespace {
 namespace fs = std::filesystem;
 
 const std::string kColmap = "QT_QPA_PLATFORM=offscreen colmap ";
-const fs::path kDemo = RAYLIFT_DEMO_FOLDER;
 
 // Every other photograph of the demo: COLMAP's SIFT takes its time without a GPU.
 constexpr size_t kEvery = 2;
 
 std::vector<Query> SomeQueries() {
-  const std::vector<Query> all = ReadQueryList(kDemo / "queries.txt");
+  const std::vector<Query> all = ReadQueryList(DemoFolder() / "queries.txt");
   std::vector<Query> some;
   for (size_t i = 0; i < all.size(); i += kEvery) some.push_back(all[i]);
   return some;
@@ -33,7 +32,7 @@ void MakeDatabase(const fs::path& folder, const fs::path& database) {
   std::string images, pairs;
   const std::vector<Query> queries = SomeQueries();
   for (const Query& query : queries) images += query.name + "\n";
-  const auto references = ReadColmapModel(kDemo / "model").PosedImages();
+  const auto references = ReadColmapModel(DemoFolder() / "model").PosedImages();
   for (size_t i = 0; i < references.size(); i += kEvery) {
     images += references[i].name + "\n";
     for (const Query& query : queries) pairs += query.name + " " + references[i].name + "\n";
@@ -41,8 +40,9 @@ void MakeDatabase(const fs::path& folder, const fs::path& database) {
   WriteFile(folder / "images.txt", images);
   WriteFile(folder / "pairs.txt", pairs);
   const std::string db = " --database_path " + database.string();
-  RunProgram(kColmap + "feature_extractor" + db + " --image_path " + (kDemo / "images").string() +
-             " --image_list_path " + (folder / "images.txt").string() +
+  RunProgram(kColmap + "feature_extractor" + db + " --image_path " +
+             (DemoFolder() / "images").string() + " --image_list_path " +
+             (folder / "images.txt").string() +
              " --SiftExtraction.use_gpu 0 --SiftExtraction.max_num_features 1500 "
              "--SiftExtraction.first_octave 0");
   RunProgram(kColmap + "matches_importer" + db + " --match_type pairs --match_list_path " +
@@ -55,14 +55,14 @@ TEST(Colmap, ItsDatabaseIsAllThatQueriesNeed) {
   MakeDatabase(folder, database);
   WriteQueryList(folder / "queries.txt", SomeQueries());
   const auto localize = [&](const fs::path& out, const Arguments& more) {
-    return RunRaylift(Arguments{"localize", "--model", kDemo / "model", "--geometry",
-                                "mesh:" + (kDemo / "scene.obj").string(), "--queries",
+    return RunRaylift(Arguments{"localize", "--model", DemoFolder() / "model", "--geometry",
+                                "mesh:" + (DemoFolder() / "scene.obj").string(), "--queries",
                                 folder / "queries.txt", "--matches", database, "--out", out} +
                       more);
   };
   ASSERT_TRUE(Succeeds(localize(folder / "out", {})));
   std::vector<PosedImage> truth;
-  for (const PosedImage& image : ReadColmapModel(kDemo / "ground_truth").PosedImages()) {
+  for (const PosedImage& image : ReadColmapModel(DemoFolder() / "ground_truth").PosedImages()) {
     for (const Query& query : SomeQueries()) {
       if (query.name == image.name) truth.push_back(image);
     }

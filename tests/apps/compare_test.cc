@@ -196,7 +196,7 @@ class CompareJob : public ::testing::Test {
     return contents;
   }
 
-  const fs::path demo_ = RAYLIFT_DEMO_FOLDER;
+  const fs::path demo_ = DemoFolder();
   fs::path folder_ = TestFolder();
 };
 

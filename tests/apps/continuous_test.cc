@@ -20,8 +20,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-const fs::path kDemo = RAYLIFT_DEMO_FOLDER;
-
 // Quick.
 const Arguments kFewFeatures = {"--every", "4", "--max-features", "800"};
 
@@ -79,7 +77,7 @@ TEST_F(Continuous, StoppedOrKilledItGoesOnToTheSameBytes) {
 
 // How many of the demo's queries are within 10 cm and one degree.
 size_t CountGoodPoses(const fs::path& out) {
-  const ColmapModel truth = ReadColmapModel(kDemo / "ground_truth");
+  const ColmapModel truth = ReadColmapModel(DemoFolder() / "ground_truth");
   std::map<std::string, Rigid3> true_poses;
   for (const PosedImage& image : truth.PosedImages()) {
     true_poses.emplace(image.name, image.cam_from_world);
@@ -103,7 +101,7 @@ TEST_F(Continuous, FewReferencesThatGrowGoFurther) {
 
 TEST_F(Continuous, OlderQueriesAreTakenBackwardsInTime) {
   std::string times = "ref/ref_01.jpg 1000\n";
-  const auto queries = ReadQueryList(kDemo / "queries.txt");
+  const auto queries = ReadQueryList(DemoFolder() / "queries.txt");
   for (size_t i = 0; i < queries.size(); ++i) {
     times += queries[i].name + " " + std::to_string(i < 4 ? 100 + i : 2000 - i) + "\n";
   }

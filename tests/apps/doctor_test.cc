@@ -50,7 +50,7 @@ TEST(Doctor, RefusesOptionsThatDoNotFit) {
 }
 
 TEST(Doctor, ReferencesAloneSuffice) {
-  const fs::path demo = RAYLIFT_DEMO_FOLDER;
+  const fs::path demo = DemoFolder();
   const fs::path folder = TestFolder();
   const fs::path json = folder / "doctor.json";
   const auto verdict_on = [&](const std::string& keys) {
@@ -72,7 +72,7 @@ TEST(Doctor, ReferencesAloneSuffice) {
 
 // Eight references have too few pairs to tell a spread by.
 TEST(Doctor, NamesAMeshElsewhereWithEightReferences) {
-  const fs::path demo = RAYLIFT_DEMO_FOLDER;
+  const fs::path demo = DemoFolder();
   const fs::path folder = TestFolder();
   for (const std::string key : {"scale=1000", "axes=x/-z/y"}) {
     const CommandResult result =
@@ -104,7 +104,7 @@ TEST(Localize, WarnsWhereAnotherReadingIsFarBetter) {
 
 // Its matches alone do not tell: the references' own are asked, too.
 TEST(Localize, WarnsByOneQueryAsByMany) {
-  const fs::path demo = RAYLIFT_DEMO_FOLDER;
+  const fs::path demo = DemoFolder();
   const fs::path folder = TestFolder();
   WriteFile(folder / "one.txt", Lines(ReadFile(demo / "queries.txt")).front() + '\n');
   const CommandResult result = RunRaylift(

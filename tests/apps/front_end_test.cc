@@ -148,7 +148,7 @@ TEST_F(FrontEnd, FeaturesWithoutTheirListOfInputsAreNotUsed) {
 }
 
 TEST(Panorama, IsLocalizedAmongPerspectiveReferences) {
-  const fs::path demo = RAYLIFT_DEMO_FOLDER, folder = TestFolder();
+  const fs::path demo = DemoFolder(), folder = TestFolder();
   const fs::path mesh = demo / "scene.obj";
   const double size[] = {1536, 768};
   const Rigid3 pose = ReadColmapModel(demo / "ground_truth").PosedImages()[3].cam_from_world;

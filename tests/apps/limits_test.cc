@@ -16,8 +16,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-const fs::path kDemo = RAYLIFT_DEMO_FOLDER;
-
 Arguments InShell(const std::string& script, const Arguments& command) {
   return Arguments{"/bin/bash", "-c", script, "bash", RAYLIFT_PROGRAM} + command;
 }
@@ -25,9 +23,9 @@ Arguments InShell(const std::string& script, const Arguments& command) {
 Arguments Localize(const fs::path& out, const fs::path& mesh, const fs::path& queries) {
   return {"localize",
           "--model",
-          kDemo / "model",
+          DemoFolder() / "model",
           "--images",
-          kDemo / "images",
+          DemoFolder() / "images",
           "--geometry",
           "mesh:" + mesh.string(),
           "--queries",
@@ -42,19 +40,19 @@ TEST(Limits, InputsThatNeverEndAreRefused) {
   for (const char* name : {"pipe", "pipe.obj", "pipe.ply", "pipe.glb", "pipe.dae"}) {
     ASSERT_EQ(mkfifo((folder / name).c_str(), 0600), 0);
   }
-  const fs::path mesh = kDemo / "scene.obj";
+  const fs::path mesh = DemoFolder() / "scene.obj";
   EXPECT_TRUE(FailsWith(3, {"pipe: expected a file, found a pipe"},
                         RunRaylift(Localize(folder / "out", mesh, folder / "pipe"))));
   EXPECT_TRUE(FailsWith(3, {"/dev/zero: expected a file, found a device"},
                         RunRaylift(Localize(folder / "out", mesh, "/dev/zero"))));
   for (const char* name : {"pipe.obj", "pipe.ply", "pipe.glb", "pipe.dae"}) {
-    EXPECT_TRUE(
-        FailsWith(3, {name, "expected a file"},
-                  RunRaylift(Localize(folder / "out", folder / name, kDemo / "queries.txt"))));
+    EXPECT_TRUE(FailsWith(
+        3, {name, "expected a file"},
+        RunRaylift(Localize(folder / "out", folder / name, DemoFolder() / "queries.txt"))));
   }
 }
 
-Arguments Evaluate() { return {"evaluate", "--ground-truth", kDemo / "ground_truth"}; }
+Arguments Evaluate() { return {"evaluate", "--ground-truth", DemoFolder() / "ground_truth"}; }
 
 // A list may come from a shell's pipe.
 TEST(Limits, ListsOfAShellAreRead) {
@@ -74,8 +72,9 @@ TEST(Limits, ASignalEndsWhatDoesNotHeedIt) {
 TEST(Limits, ASignalEndsEveryCommandInGoodOrder) {
   const fs::path folder = TestFolder();
   const fs::path out = folder / "colored.ply";
-  EXPECT_EQ(Terminate(StartRaylift({"color", kDemo / "scene.obj", "--model", kDemo / "model",
-                                    "--images", kDemo / "images", "--out", out})),
+  EXPECT_EQ(Terminate(StartRaylift({"color", DemoFolder() / "scene.obj", "--model",
+                                    DemoFolder() / "model", "--images", DemoFolder() / "images",
+                                    "--out", out})),
             4);
   EXPECT_FALSE(fs::exists(out));
   EXPECT_EQ(Terminate(StartRaylift({"merge", folder / "none"})), 4);

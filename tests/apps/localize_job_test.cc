@@ -16,8 +16,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-const fs::path kDemo = RAYLIFT_DEMO_FOLDER;
-
 class LocalizeJob : public ::testing::Test {
  protected:
   // The demo scene with few references and features, so that it is quick.
@@ -134,7 +132,7 @@ TEST_F(LocalizeJob, AFormerRunIsReplacedOnlyWhereThatIsAskedFor) {
 
 TEST_F(LocalizeJob, ARunOfOtherOptionsOrInputsDoesNotGoOn) {
   const fs::path whole = Whole();
-  const std::string queries = ReadFile(kDemo / "queries.txt");
+  const std::string queries = ReadFile(DemoFolder() / "queries.txt");
   WriteFile(folder_ / "queries.txt", queries.substr(0, queries.rfind("query/")));
   const auto fails = [&](const Arguments& more, const std::vector<std::string>& parts) {
     return FailsWith(3, parts, RunRaylift(Localize(whole, Arguments{"--resume"} + more)));

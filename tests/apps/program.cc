@@ -5,6 +5,7 @@
 #include <sstream>
 
 #include "support/matchers.h"
+#include "support/test_data.h"
 #include <nlohmann/json.hpp>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -79,7 +80,7 @@ Arguments LocalizeFromImages(const RoomScene& scene, const fs::path& out) {
 }
 
 Arguments LocalizeDemo(const fs::path& cache, const fs::path& out) {
-  const fs::path demo = RAYLIFT_DEMO_FOLDER;
+  const fs::path demo = DemoFolder();
   return Arguments{"localize", "--model", demo / "model", "--images", demo / "images"} +
          Arguments{"--geometry", "mesh:" + (demo / "scene.obj").string()} +
          Arguments{"--queries", demo / "queries.txt", "--cache", cache, "--out", out};

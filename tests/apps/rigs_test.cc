@@ -20,12 +20,10 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
-const fs::path kDemo = RAYLIFT_DEMO_FOLDER;
-
 class Rigs : public ::testing::Test {
  protected:
   Rigs() {
-    for (const PosedImage& image : ReadColmapModel(kDemo / "ground_truth").PosedImages()) {
+    for (const PosedImage& image : ReadColmapModel(DemoFolder() / "ground_truth").PosedImages()) {
       truth_.push_back(image);
     }
   }

@@ -18,7 +18,7 @@ namespace fs = std::filesystem;
 
 class Views : public ::testing::Test {
  protected:
-  Views() : demo_(fs::path(RAYLIFT_DEMO_FOLDER)) {}
+  Views() : demo_(DemoFolder()) {}
 
   Arguments Command() const {
     return {"views", "--geometry", "mesh:" + (demo_ / "scene.obj").string(), "--out", out_};

@@ -21,13 +21,12 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
-const fs::path kDemo = RAYLIFT_DEMO_FOLDER;
 constexpr double kScale = 0.3;  // odometry's units per scene unit
 
 class Walks : public ::testing::Test {
  protected:
   // The true motion, seen from another origin, as a TUM trajectory, and the times.
-  Walks() : truth_(ReadColmapModel(kDemo / "ground_truth").PosedImages()) {
+  Walks() : truth_(ReadColmapModel(DemoFolder() / "ground_truth").PosedImages()) {
     Rng rng = TestRng();
     const Rigid3 world_from_odometry = RandomRigid3(rng, 50);
     std::vector<TimedPose> poses;
@@ -147,8 +146,8 @@ TEST_F(Walks, BadOptionsAndFilesAreRefusedBeforeTheWork) {
 
 TEST_F(Walks, PerturbMakesOdometryAndEvaluateJudgesTrajectories) {
   const fs::path made = folder_ / "made";
-  ASSERT_TRUE(Succeeds(RunRaylift({"perturb", "--model", kDemo / "ground_truth", "--walk", "--out",
-                                   made, "--drift", "0.01", "--turn-drift-deg", "0.2"})));
+  ASSERT_TRUE(Succeeds(RunRaylift({"perturb", "--model", DemoFolder() / "ground_truth", "--walk",
+                                   "--out", made, "--drift", "0.01", "--turn-drift-deg", "0.2"})));
   const auto odometry = ReadTumTrajectory(made / "odometry.txt");
   ASSERT_EQ(odometry.size(), truth_.size());
   EXPECT_EQ(ReadTimes(made / "times.txt").at(truth_[3].name), odometry[3].time_s);
@@ -158,9 +157,9 @@ TEST_F(Walks, PerturbMakesOdometryAndEvaluateJudgesTrajectories) {
   }
   WritePoseFile(folder_ / "drifting.txt", poses);
   const fs::path json = folder_ / "trajectory.json";
-  const CommandResult result = RunRaylift({"evaluate", "--ground-truth", kDemo / "ground_truth",
-                                           "--poses", folder_ / "drifting.txt", "--times",
-                                           made / "times.txt", "--trajectory-json", json});
+  const CommandResult result = RunRaylift(
+      {"evaluate", "--ground-truth", DemoFolder() / "ground_truth", "--poses",
+       folder_ / "drifting.txt", "--times", made / "times.txt", "--trajectory-json", json});
   ASSERT_TRUE(Succeeds(result));
   EXPECT_NE(result.out.find("ape_rotation_deg"), std::string::npos) << result.out;
   const Json errors = Json::parse(ReadFile(json)).at(0);
@@ -171,17 +170,18 @@ TEST_F(Walks, PerturbMakesOdometryAndEvaluateJudgesTrajectories) {
   const fs::path short_times = folder_ / "short.txt";
   WriteFile(short_times, truth_[0].name + " 1\n");
   for (const Arguments& command :
-       {Arguments{"perturb", "--model", kDemo / "ground_truth", "--walk", "--out", made},
-        Arguments{"evaluate", "--ground-truth", kDemo / "ground_truth", "--poses",
+       {Arguments{"perturb", "--model", DemoFolder() / "ground_truth", "--walk", "--out", made},
+        Arguments{"evaluate", "--ground-truth", DemoFolder() / "ground_truth", "--poses",
                   folder_ / "drifting.txt", "--trajectory-json", json}}) {
     EXPECT_TRUE(FailsWith(3, {"short.txt", "the time of " + truth_[1].name + " is missing"},
                           RunRaylift(command + Arguments{"--times", short_times})));
   }
-  EXPECT_TRUE(FailsWith(2, {"--geometry is required (or --walk)"},
-                        RunRaylift({"perturb", "--model", kDemo / "ground_truth", "--out", made})));
+  EXPECT_TRUE(
+      FailsWith(2, {"--geometry is required (or --walk)"},
+                RunRaylift({"perturb", "--model", DemoFolder() / "ground_truth", "--out", made})));
   EXPECT_TRUE(FailsWith(2, {"--drift", "must not be negative"},
-                        RunRaylift({"perturb", "--model", kDemo / "ground_truth", "--walk", "--out",
-                                    made, "--drift", "-1"})));
+                        RunRaylift({"perturb", "--model", DemoFolder() / "ground_truth", "--walk",
+                                    "--out", made, "--drift", "-1"})));
 }
 
 TEST_F(Walks, OdometryOfOtherUnitsIsPointedOut) {

@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <set>
 
+#include "support/test_data.h"
 #include <gtest/gtest.h>
 
 #include "raylift/io/colmap_model.h"
@@ -14,28 +15,26 @@
 namespace raylift {
 namespace {
 
-const std::filesystem::path kDemo = RAYLIFT_DEMO_DIR;
-
 void ExpectImagesFitTheirCameras(const std::vector<PosedImage>& views) {
   for (const PosedImage& view : views) {
-    const Image image = ReadImage(kDemo / "images" / view.name, ImageChannels::kRgb);
+    const Image image = ReadImage(DemoFolder() / "images" / view.name, ImageChannels::kRgb);
     EXPECT_EQ(image.width_px, view.camera.width_px()) << view.name;
     EXPECT_EQ(image.height_px, view.camera.height_px()) << view.name;
   }
 }
 
 TEST(Demo, ImagesFitTheirCameras) {
-  const auto references = ReadColmapModel(kDemo / "model").PosedImages();
+  const auto references = ReadColmapModel(DemoFolder() / "model").PosedImages();
   EXPECT_EQ(references.size(), 24);
   ExpectImagesFitTheirCameras(references);
-  const auto queries = ReadColmapModel(kDemo / "ground_truth").PosedImages();
+  const auto queries = ReadColmapModel(DemoFolder() / "ground_truth").PosedImages();
   EXPECT_EQ(queries.size(), 12);
   ExpectImagesFitTheirCameras(queries);
 }
 
 TEST(Demo, QueryListAndGroundTruthHoldTheSameQueries) {
-  const auto queries = ReadQueryList(kDemo / "queries.txt");
-  const auto ground_truth = ReadColmapModel(kDemo / "ground_truth").PosedImages();
+  const auto queries = ReadQueryList(DemoFolder() / "queries.txt");
+  const auto ground_truth = ReadColmapModel(DemoFolder() / "ground_truth").PosedImages();
   ASSERT_EQ(queries.size(), ground_truth.size());
   for (size_t i = 0; i < queries.size(); ++i) {
     EXPECT_EQ(queries[i].name, ground_truth[i].name);
@@ -44,7 +43,7 @@ TEST(Demo, QueryListAndGroundTruthHoldTheSameQueries) {
 }
 
 TEST(Demo, MeshIsTexturedAndWithoutDefects) {
-  const TriangleMesh mesh = ReadMesh(kDemo / "scene.obj");
+  const TriangleMesh mesh = ReadMesh(DemoFolder() / "scene.obj");
   EXPECT_EQ(mesh.warnings, std::vector<std::string>());
   EXPECT_EQ(mesh.textures.size(), 6);
   EXPECT_GT(mesh.triangles.size(), 10000);
@@ -54,7 +53,8 @@ TEST(Demo, MeshIsTexturedAndWithoutDefects) {
 
 // The visible sides of the ground and of the four walls face the yard's middle.
 TEST(Demo, WallsFaceTheYard) {
-  const RayCaster caster(std::make_shared<const TriangleMesh>(ReadMesh(kDemo / "scene.obj")));
+  const RayCaster caster(
+      std::make_shared<const TriangleMesh>(ReadMesh(DemoFolder() / "scene.obj")));
   const Eigen::Vector3d above_fountain(8, 6, 5.1);
   std::vector<Ray> rays;
   for (const Eigen::Vector3d& direction :

@@ -17,8 +17,6 @@
 namespace raylift {
 namespace {
 
-const std::filesystem::path kDemo = RAYLIFT_DEMO_DIR;
-
 Frame Render(const std::shared_ptr<const RayCaster>& caster, const PosedImage& view, int samples) {
   FrameOptions options;
   options.depth = options.distance = options.normals = options.color = true;
@@ -65,8 +63,8 @@ std::vector<TestSplat> DiscsOfPixels(const PosedImage& view, const Frame& frame,
 
 TEST(DemoSplats, LookAsTheMeshDoes) {
   const auto mesh = std::make_shared<const RayCaster>(
-      std::make_shared<const TriangleMesh>(ReadMesh(kDemo / "scene.obj")));
-  PosedImage view = ReadColmapModel(kDemo / "ground_truth").PosedImages().front();
+      std::make_shared<const TriangleMesh>(ReadMesh(DemoFolder() / "scene.obj")));
+  PosedImage view = ReadColmapModel(DemoFolder() / "ground_truth").PosedImages().front();
   view.camera = view.camera.Scaled(320, 240);
   const Frame target = Render(mesh, view, 4);
   std::vector<size_t> pixels;

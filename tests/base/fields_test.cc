@@ -30,7 +30,7 @@ std::vector<Field> FieldsOf(Paint& paint) {
           {"coats", paint.coats, "How many", kAtLeastOne}};
 }
 
-std::string ErrorOf(const Paint& paint) {
+std::string ErrorOfPaint(const Paint& paint) {
   try {
     CheckRanges(ConstFieldsOf(paint));
     return "";
@@ -40,11 +40,11 @@ std::string ErrorOf(const Paint& paint) {
 }
 
 TEST(Fields, NumbersOutOfTheirRangeAreNamed) {
-  EXPECT_EQ(ErrorOf({}), "");
-  EXPECT_EQ(ErrorOf({.thickness_mm = 0}), "thickness_mm = 0: must be positive");
-  EXPECT_EQ(ErrorOf({.thickness_mm = std::numeric_limits<double>::infinity()}),
+  EXPECT_EQ(ErrorOfPaint({}), "");
+  EXPECT_EQ(ErrorOfPaint({.thickness_mm = 0}), "thickness_mm = 0: must be positive");
+  EXPECT_EQ(ErrorOfPaint({.thickness_mm = std::numeric_limits<double>::infinity()}),
             "thickness_mm = inf: must be positive");
-  EXPECT_EQ(ErrorOf({.coats = 0}), "coats = 0: must be at least 1");
+  EXPECT_EQ(ErrorOfPaint({.coats = 0}), "coats = 0: must be at least 1");
 }
 
 TEST(Fields, RangesEndWhereTheySay) {

@@ -100,7 +100,7 @@ struct ComparedRoom {
         triangles.push_back({t[0] + offset, t[1] + offset, t[2] + offset});
       }
     }
-    return std::make_shared<const TriangleMesh>(MakeMesh(positions, triangles));
+    return std::make_shared<const TriangleMesh>(MeshOfShape(positions, triangles));
   }
 };
 

@@ -330,7 +330,7 @@ TEST_F(RgbdSmallDoctor, FindsFaultsOfStoredDepth) {
 class DemoDoctor : public ::testing::Test {
  protected:
   void SetUp() override {
-    const fs::path demo = RAYLIFT_DEMO_DIR;
+    const fs::path demo = DemoFolder();
     const auto caster = Open(demo / "scene.obj");
     scene_.references = LoadReferences(demo / "model", 1).references.images;
     Rng rng(1);
@@ -480,7 +480,7 @@ TEST_F(DemoDoctor, OffsetDepthIsNoDisparity) {
 TEST_F(DemoDoctor, ViewsWithoutParallaxTellNoDepth) {
   // All from about the same place.
   const Eigen::Vector3d center = scene_.references[0].cam_from_world.OriginInSource();
-  const MeshSource mesh("mesh", Open(fs::path(RAYLIFT_DEMO_DIR) / "scene.obj"));
+  const MeshSource mesh("mesh", Open(DemoFolder() / "scene.obj"));
   int n = 0;
   for (PosedImage& reference : scene_.references) {
     const Eigen::Vector3d near = center + Eigen::Vector3d(0.001 * n++, 0, 0);
@@ -489,7 +489,7 @@ TEST_F(DemoDoctor, ViewsWithoutParallaxTellNoDepth) {
   }
   Rng rng(1);
   scene_.matches = MatchByMesh(mesh, scene_.references, 0.3, rng);
-  scene_.maps = RenderMaps(*Open(fs::path(RAYLIFT_DEMO_DIR) / "scene.obj"), scene_.references, 160);
+  scene_.maps = RenderMaps(*Open(DemoFolder() / "scene.obj"), scene_.references, 160);
   const Diagnosis diagnosis = Examine(scene_);
   EXPECT_EQ(diagnosis.verdict, InputVerdict::kTooFewMatches) << Describe(diagnosis);
   EXPECT_NE(diagnosis.reason.find("too close together"), std::string::npos);
@@ -577,8 +577,8 @@ class MovedMesh : public DemoDoctor {
  protected:
   // The verdict on the demo's mesh where what is right is `world_from_mesh`.
   Diagnosis ExamineMoved(const MeshPlacement& world_from_mesh) const {
-    return ExamineMesh(scene_, Placed(ReadMesh(fs::path(RAYLIFT_DEMO_DIR) / "scene.obj"),
-                                      Inverse(world_from_mesh)));
+    return ExamineMesh(scene_,
+                       Placed(ReadMesh(DemoFolder() / "scene.obj"), Inverse(world_from_mesh)));
   }
 
   void ExpectFound(const MeshPlacement& expected) const {
@@ -614,7 +614,7 @@ TEST_F(MovedMesh, KeysSayWhatWasFound) {
 }
 
 TEST_F(MovedMesh, RepairStandsInPlaceOfTheKeysAsRead) {
-  const std::string mesh = "mesh:" + (fs::path(RAYLIFT_DEMO_DIR) / "scene.obj").string();
+  const std::string mesh = "mesh:" + (DemoFolder() / "scene.obj").string();
   const auto examine = [&](const std::string& spec) {
     const NamedGeometry geometry = MakeGeometrySource(spec);
     return Diagnose(MakeDoctorInput(geometry, scene_.references, scene_.matches,
@@ -631,7 +631,7 @@ TEST_F(MovedMesh, RepairStandsInPlaceOfTheKeysAsRead) {
   {
     std::ofstream out(file);
     const TriangleMesh moved =
-        Placed(ReadMesh(fs::path(RAYLIFT_DEMO_DIR) / "scene.obj"),
+        Placed(ReadMesh(DemoFolder() / "scene.obj"),
                Inverse({.scale = 0.001, .axes = *AxesFromName("x/-z/y"), .shift = {2, 0, 0}}));
     for (uint32_t i = 0; i < moved.vertices.size(); ++i) {
       const Eigen::Vector3d v = moved.VertexInWorld(i);
@@ -654,8 +654,8 @@ TEST_F(MovedMesh, RepairStandsInPlaceOfTheKeysAsRead) {
 }
 
 TEST_F(MovedMesh, LimitsThatDropWhatIsSeenAreNoPlacement) {
-  const NamedGeometry geometry = MakeGeometrySource(
-      "mesh:" + (fs::path(RAYLIFT_DEMO_DIR) / "scene.obj").string() + ",near=50");
+  const NamedGeometry geometry =
+      MakeGeometrySource("mesh:" + (DemoFolder() / "scene.obj").string() + ",near=50");
   const Diagnosis diagnosis = Diagnose(
       MakeDoctorInput(geometry, scene_.references, scene_.matches, PoseConvention::kCamFromWorld));
   EXPECT_EQ(diagnosis.verdict, InputVerdict::kNothingFits) << Describe(diagnosis);
@@ -679,7 +679,7 @@ TEST(SymmetricRoom, HasNoRepair) {
     box.triangles.push_back({q[0], q[1], q[2]});
     box.triangles.push_back({q[0], q[2], q[3]});
   }
-  const fs::path demo = RAYLIFT_DEMO_DIR;
+  const fs::path demo = DemoFolder();
   const Camera camera = LoadReferences(demo / "model", 1).references.images[0].camera;
   Scene scene;
   Rng rng(6);
@@ -722,7 +722,7 @@ TEST_F(DemoDoctor, TrianglesAtRandomAreNotSearched) {
 
 TEST_F(MovedMesh, NotFoundIsNothingFits) {
   // No similarity.
-  TriangleMesh mesh = ReadMesh(fs::path(RAYLIFT_DEMO_DIR) / "scene.obj");
+  TriangleMesh mesh = ReadMesh(DemoFolder() / "scene.obj");
   for (Eigen::Vector3f& v : mesh.vertices) v = {v.x() * 2, v.y() + 0.3f * v.x(), v.z() * 0.6f};
   const Diagnosis diagnosis = ExamineMesh(scene_, std::move(mesh));
   EXPECT_EQ(diagnosis.verdict, InputVerdict::kNothingFits) << Describe(diagnosis);

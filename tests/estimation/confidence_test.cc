@@ -15,8 +15,6 @@
 namespace raylift {
 namespace {
 
-constexpr MatchSets kBoth = MatchSets::kBoth;
-
 PoseEstimate Estimate(const PoseProblem& problem, Method method = Method::kAdaptive) {
   EstimatorOptions options;
   options.method = method;
@@ -245,7 +243,7 @@ TEST(Support, CountsAKeypointOnce) {
   Rng rng = TestRng();
   const CoherentProblem made = MakeCoherentProblem("once", {}, rng);
   const NormalizedProblem prepared(made.problem, 8, 2, rng);
-  const InlierAssessor assessor(made.problem, prepared, kBoth, 100);
+  const InlierAssessor assessor(made.problem, prepared, MatchSets::kBoth, 100);
   const InlierEvidence evidence = assessor.Assess(prepared.ToLocal(made.query_from_world));
   EXPECT_LE(evidence.keypoints, 300);
   EXPECT_GT(evidence.keypoints, 290);
@@ -325,7 +323,7 @@ TEST(Support, PosesThatExplainTheSameKeypointsByOtherMatchesAreTwoAnswers) {
   EXPECT_NE(Estimate(problem).verdict, PoseVerdict::kLocalized);
 
   const NormalizedProblem prepared(problem, 8, 2, rng);
-  const InlierAssessor assessor(problem, prepared, kBoth, 100);
+  const InlierAssessor assessor(problem, prepared, MatchSets::kBoth, 100);
   const auto evidence = [&](const Rigid3& pose) { return assessor.Assess(prepared.ToLocal(pose)); };
   const InlierEvidence first = evidence(made.query_from_world);
   const InlierEvidence second = evidence(made.query_from_world * other_from_world.Inverse());
@@ -433,12 +431,12 @@ TEST(ProbabilityOfDistance, IsSureWhereOtherReferencesAgree) {
       MakeCoherentProblem("distance", {.num_references = 4, .vertical = 0.5}, rng);
   const NormalizedProblem prepared(made.problem, 8, 2, rng);
   const CamFromLocal right = prepared.ToLocal(made.query_from_world);
-  const double distance = SceneDistance(prepared, right, kBoth);
+  const double distance = SceneDistance(prepared, right, MatchSets::kBoth);
   EXPECT_NEAR(distance * prepared.scale, 20, 4);
   const InlierEvidence evidence = {.chance = 0.02};
-  EXPECT_GT(
-      ProbabilityOfDistance(prepared, right, kBoth, distance, {.depth_sigma = 0.001}, evidence),
-      0.999);
+  EXPECT_GT(ProbabilityOfDistance(prepared, right, MatchSets::kBoth, distance,
+                                  {.depth_sigma = 0.001}, evidence),
+            0.999);
   EXPECT_GT(ProbabilityOfDistance(prepared, right, MatchSets::k2D2D, distance, {}, evidence),
             0.999);
 }
@@ -462,7 +460,7 @@ TEST(ProbabilityOfDistance, DoubtsWhatPixelsContradict) {
     for (const double share : {0.0, 0.15, 0.2}) {
       const Eigen::Vector3d moved = center + share * (reference - center);
       const Rigid3 pose(made.query_from_world.rotation, -(made.query_from_world.rotation * moved));
-      const double p = ProbabilityOfDistance(prepared, prepared.ToLocal(pose), kBoth,
+      const double p = ProbabilityOfDistance(prepared, prepared.ToLocal(pose), MatchSets::kBoth,
                                              20 / prepared.scale, {}, {.chance = 0.02});
       // A right position is within a quarter of a meter at twenty.
       if (share == 0) {

@@ -13,9 +13,9 @@ namespace raylift {
 namespace {
 
 #ifdef __SANITIZE_ADDRESS__
-constexpr int kProblems = 30;
+constexpr int kCovarianceProblems = 30;
 #else
-constexpr int kProblems = 200;
+constexpr int kCovarianceProblems = 200;
 #endif
 
 using Vector6d = Eigen::Matrix<double, 6, 1>;
@@ -25,7 +25,7 @@ double MeanSquaredMahalanobis(Method method, const SyntheticOptions& synthetic,
                               double focal_sigma = 0) {
   Rng rng = TestRng();
   double sum = 0;
-  for (int i = 0; i < kProblems; ++i) {
+  for (int i = 0; i < kCovarianceProblems; ++i) {
     SyntheticProblem made = MakeSyntheticProblem("covariance", synthetic, rng);
     if (focal_sigma > 0) {
       const Camera& camera = made.problem.query_camera;
@@ -42,12 +42,12 @@ double MeanSquaredMahalanobis(Method method, const SyntheticOptions& synthetic,
     const Vector6d error = StepBetween(made.query_from_world, *estimate.cam_from_world);
     sum += error.dot(estimate.covariance->ldlt().solve(error));
   }
-  return sum / kProblems;
+  return sum / kCovarianceProblems;
 }
 
 // Three standard deviations of the mean of so many distances, and a bias: the noise is estimated
 // per problem from its inliers among outliers, and the robust loss costs up to a tenth.
-const double kTolerance = 3 * std::sqrt(12.0 / kProblems) + 0.75;
+const double kTolerance = 3 * std::sqrt(12.0 / kCovarianceProblems) + 0.75;
 
 SyntheticOptions FewMatches() {
   SyntheticOptions options;

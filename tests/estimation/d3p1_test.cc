@@ -15,9 +15,9 @@ namespace raylift {
 namespace {
 
 #ifdef __SANITIZE_ADDRESS__
-constexpr int kProblems = 5;
+constexpr int kD3p1Problems = 5;
 #else
-constexpr int kProblems = 30;
+constexpr int kD3p1Problems = 30;
 #endif
 
 // As of single images: each reference's depths have a factor of their own, of any size.
@@ -49,7 +49,7 @@ PoseProblem WithFactors(const PoseProblem& problem, const std::vector<double>& f
 TEST(D3p1, FindsThePoseWhereScalesAreUnknown) {
   Rng rng = TestRng();
   double log_ratio = 0;  // of its position errors to those of E5+1, mean
-  for (int i = 0; i < kProblems; ++i) {
+  for (int i = 0; i < kD3p1Problems; ++i) {
     const CoherentProblem made = MakeCoherentProblem("scales", UnknownScale(), rng);
     const PoseEstimate estimate = EstimateWith(Method::kD3p1, made.problem);
     ASSERT_TRUE(estimate.cam_from_world);
@@ -62,16 +62,16 @@ TEST(D3p1, FindsThePoseWhereScalesAreUnknown) {
     const PoseEstimate e5p1 = EstimateWith(Method::kE5p1, made.problem);
     log_ratio += std::log(PositionError(estimate, made.query_from_world) /
                           PositionError(e5p1, made.query_from_world)) /
-                 kProblems;
+                 kD3p1Problems;
   }
   // Depths of one reference agree, which pairs alone do not tell. Less than nothing by two standard
   // deviations of the mean of logarithms that vary by some 0.6.
-  EXPECT_LT(log_ratio, 2 * 0.6 / std::sqrt(kProblems));
+  EXPECT_LT(log_ratio, 2 * 0.6 / std::sqrt(kD3p1Problems));
 }
 
 TEST(D3p1, TheScaleOfAReferencesDepthsChangesNoSample) {
   Rng rng = TestRng();
-  for (int i = 0; i < kProblems; ++i) {
+  for (int i = 0; i < kD3p1Problems; ++i) {
     const CoherentProblem made =
         MakeCoherentProblem("factors", {.num_keypoints = 150, .num_references = 4}, rng);
     EstimatorOptions options = StandardOptions(Method::kD3p1);
@@ -89,7 +89,7 @@ TEST(D3p1, NeedsFewerSamplesThanE5p1) {
   CoherentOptions hard = UnknownScale();
   hard.wrong = 0.6;
   std::vector<int> d3p1, e5p1, adaptive, without_depth;
-  for (int i = 0; i < kProblems; ++i) {
+  for (int i = 0; i < kD3p1Problems; ++i) {
     const CoherentProblem made = MakeCoherentProblem("wrong", hard, rng);
     const auto iterations = [&made](Method method, const PoseProblem& problem) {
       const PoseEstimate estimate = EstimateWith(method, problem);
@@ -161,7 +161,7 @@ PoseProblem WithMeanPoints(const PoseProblem& problem) {
 
 TEST(D3p1, SolvesByPointsOfSfmWhatItSolvesByTheMeshs) {
   Rng rng = TestRng();
-  for (int i = 0; i < kProblems; ++i) {
+  for (int i = 0; i < kD3p1Problems; ++i) {
     const CoherentProblem made = MakeCoherentProblem(
         "sfm", {.num_keypoints = 150, .num_references = 4, .vertical = 0.5, .wrong = 0}, rng);
     for (const PoseProblem& problem : {made.problem, WithMeanPoints(made.problem)}) {
@@ -194,7 +194,7 @@ TEST(D3p1, EverySimdLevelAndEveryRunGiveTheSameBytes) {
 // The paper's Adaptive knows two samples.
 TEST(D3p1, IsNoSampleOfThePapersAdaptive) {
   Rng rng = TestRng();
-  for (int i = 0; i < kProblems; ++i) {
+  for (int i = 0; i < kD3p1Problems; ++i) {
     const CoherentProblem made = MakeCoherentProblem("paper", UnknownScale(), rng);
     EstimatorOptions options = StandardOptions(Method::kAdaptive);
     options.refinement = Refinement::kPaper;

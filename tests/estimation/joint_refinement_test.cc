@@ -18,9 +18,9 @@ namespace raylift {
 namespace {
 
 #ifdef __SANITIZE_ADDRESS__
-constexpr int kProblems = 6;
+constexpr int kJointProblems = 6;
 #else
-constexpr int kProblems = 40;
+constexpr int kJointProblems = 40;
 #endif
 
 using Vector6d = Eigen::Matrix<double, 6, 1>;
@@ -39,7 +39,7 @@ struct Outcome {
 Outcome Try(const CoherentOptions& options, Method better_part) {
   Rng rng = TestRng();
   Outcome outcome;
-  for (int i = 0; i < kProblems; ++i) {
+  for (int i = 0; i < kJointProblems; ++i) {
     const CoherentProblem made = MakeCoherentProblem("coherent", options, rng);
     EstimatorOptions estimator;
     const PoseEstimate adaptive = MakePoseEstimator(estimator)->Estimate(made.problem);
@@ -50,21 +50,21 @@ Outcome Try(const CoherentOptions& options, Method better_part) {
     EXPECT_EQ(adaptive.verdict, PoseVerdict::kLocalized);
     outcome.log_ratio += std::log(PositionError(adaptive, made.query_from_world) /
                                   PositionError(part, made.query_from_world)) /
-                         kProblems;
+                         kJointProblems;
     const Vector6d error = StepBetween(made.query_from_world, *adaptive.cam_from_world);
     outcome.normalized_square +=
-        error.dot(adaptive.covariance->ldlt().solve(error)) / 6 / kProblems;
+        error.dot(adaptive.covariance->ldlt().solve(error)) / 6 / kJointProblems;
     outcome.estimates.push_back(adaptive);
   }
   return outcome;
 }
 
-// Of the mean of kProblems logarithms that vary by some 0.6: two standard deviations, above the
+// Of the mean of kJointProblems logarithms that vary by some 0.6: two standard deviations, above the
 // logarithm of 1.05.
-const double kLargestLogRatio = std::log(1.05) + 2 * 0.6 / std::sqrt(kProblems);
-// Of the mean of kProblems chi-squared distances of six degrees over six: three standard
+const double kLargestLogRatio = std::log(1.05) + 2 * 0.6 / std::sqrt(kJointProblems);
+// Of the mean of kJointProblems chi-squared distances of six degrees over six: three standard
 // deviations, and what is within the aim.
-const double kSpread = 3 * std::sqrt(2.0 / 6 / kProblems);
+const double kSpread = 3 * std::sqrt(2.0 / 6 / kJointProblems);
 
 void ExpectCalibrated(const Outcome& outcome) {
   EXPECT_GT(outcome.normalized_square, 0.7 - kSpread);
@@ -167,7 +167,7 @@ TEST(JointRefinement, TakesPointsOfOtherOriginWhereReferencesDisagree) {
   // off.
   Rng rng = TestRng();
   double sum = 0;
-  for (int i = 0; i < kProblems; ++i) {
+  for (int i = 0; i < kJointProblems; ++i) {
     CoherentProblem made = MakeCoherentProblem(
         "loose", {.wrong = 0, .reference_deg = 0.05, .reference_position = 0.06}, rng);
     std::vector<bool> seen(300, false);
@@ -189,7 +189,7 @@ TEST(JointRefinement, TakesPointsOfOtherOriginWhereReferencesDisagree) {
     const PoseEstimate estimate = MakePoseEstimator({})->Estimate(made.problem);
     ASSERT_TRUE(estimate.cam_from_world && estimate.covariance);
     const Vector6d error = StepBetween(made.query_from_world, *estimate.cam_from_world);
-    sum += error.dot(estimate.covariance->ldlt().solve(error)) / 6 / kProblems;
+    sum += error.dot(estimate.covariance->ldlt().solve(error)) / 6 / kJointProblems;
   }
   EXPECT_LT(sum, 2.5);
 }

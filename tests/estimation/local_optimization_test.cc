@@ -8,10 +8,6 @@
 namespace raylift {
 namespace {
 
-constexpr MatchSets kPoints = MatchSets::k2D3D;
-constexpr MatchSets kPairs = MatchSets::k2D2D;
-constexpr MatchSets kBoth = MatchSets::kBoth;
-
 // So few matches that all take part.
 SyntheticOptions FewMatches() {
   SyntheticOptions options;
@@ -30,7 +26,7 @@ double Cost(const NormalizedProblem& problem, const CamFromLocal& pose, MatchSet
 
 TEST(OptimizeLocally, MoreStepsNeverCostMore) {
   Rng rng = TestRng();
-  for (const MatchSets sets : {kPoints, kPairs, kBoth}) {
+  for (const MatchSets sets : {MatchSets::k2D3D, MatchSets::k2D2D, MatchSets::kBoth}) {
     for (int trial = 0; trial < 10; ++trial) {
       const NearTruth near = MakeNearTruth(rng, FewMatches(), 1, 0.1);
       double least = 1e9;
@@ -53,7 +49,7 @@ TEST(OptimizeLocally, ReachesTheInliersThatLieNear) {
     const Scorer scorer(near.prepared, any);
     const int at_truth = scorer.CountInliers(near.local_truth).of_2d3d;
     EXPECT_LT(scorer.CountInliers(near.local).of_2d3d, 0.5 * at_truth);
-    for (const MatchSets sets : {kPoints, kBoth}) {
+    for (const MatchSets sets : {MatchSets::k2D3D, MatchSets::kBoth}) {
       const CamFromLocal pose = OptimizeLocally(near.prepared, near.local, sets, 6);
       EXPECT_GT(scorer.CountInliers(pose).of_2d3d, 0.97 * at_truth);
       EXPECT_TRUE(near.IsTrue(pose, 0.1, 0.03));
@@ -73,12 +69,12 @@ TEST(OptimizeLocally, OfOneKindTakesNoNoticeOfTheOther) {
     EXPECT_EQ(a.rotation, b.rotation);
     EXPECT_EQ(a.translation, b.translation);
   };
-  expect_equal(OptimizeLocally(near.prepared, near.local, kPoints, 6),
-               OptimizeLocally(points_alone, near.local, kPoints, 6));
-  expect_equal(OptimizeLocally(points_alone, near.local, kPoints, 6),
-               OptimizeLocally(points_alone, near.local, kBoth, 6));
-  expect_equal(OptimizeLocally(near.prepared, near.local, kPairs, 6),
-               OptimizeLocally(pairs_alone, near.local, kPairs, 6));
+  expect_equal(OptimizeLocally(near.prepared, near.local, MatchSets::k2D3D, 6),
+               OptimizeLocally(points_alone, near.local, MatchSets::k2D3D, 6));
+  expect_equal(OptimizeLocally(points_alone, near.local, MatchSets::k2D3D, 6),
+               OptimizeLocally(points_alone, near.local, MatchSets::kBoth, 6));
+  expect_equal(OptimizeLocally(near.prepared, near.local, MatchSets::k2D2D, 6),
+               OptimizeLocally(pairs_alone, near.local, MatchSets::k2D2D, 6));
 }
 
 }  // namespace

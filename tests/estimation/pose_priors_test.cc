@@ -18,9 +18,9 @@ namespace {
 using Eigen::Vector3d;
 
 #ifdef __SANITIZE_ADDRESS__
-constexpr int kProblems = 4;
+constexpr int kPriorProblems = 4;
 #else
-constexpr int kProblems = 25;
+constexpr int kPriorProblems = 25;
 #endif
 
 Vector3d RandomDirection(Rng& rng) {
@@ -148,7 +148,7 @@ struct Counts {
 template <typename MakePriors>
 Counts CountRight(Method method, Rng& rng, const MakePriors& make_priors) {
   Counts counts;
-  for (int i = 0; i < kProblems; ++i) {
+  for (int i = 0; i < kPriorProblems; ++i) {
     CoherentProblem made = MakeCoherentProblem("few", FewMatches(), rng);
     const auto right = [&] {
       const PoseEstimate estimate = EstimateWith(method, made.problem);
@@ -181,7 +181,7 @@ TEST(PosePriors, HelpWhereMatchesAreFew) {
 TEST(PosePriors, AWrongOneTakesNothingFromManyMatches) {
   Rng rng = TestRng();
   double log_ratio = 0;
-  for (int i = 0; i < kProblems; ++i) {
+  for (int i = 0; i < kPriorProblems; ++i) {
     CoherentProblem made = MakeCoherentProblem("many", {.num_keypoints = 150}, rng);
     const PoseEstimate without = EstimateWith(Method::kAdaptive, made.problem);
     made.problem.priors = RightPriors(made.query_from_world, 1, 1);
@@ -193,7 +193,7 @@ TEST(PosePriors, AWrongOneTakesNothingFromManyMatches) {
     ASSERT_TRUE(without.cam_from_world && with.cam_from_world);
     log_ratio += std::log(PositionError(with, made.query_from_world) /
                           PositionError(without, made.query_from_world)) /
-                 kProblems;
+                 kPriorProblems;
   }
   EXPECT_LT(std::abs(log_ratio), 0.01);
 }

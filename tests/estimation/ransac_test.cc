@@ -8,8 +8,6 @@
 namespace raylift {
 namespace {
 
-constexpr MatchSets kBoth = MatchSets::kBoth;
-
 // Gives the same poses every time, and says how likely it is to succeed.
 class FixedGenerator final : public HypothesisSampler {
  public:
@@ -55,7 +53,8 @@ TEST(Ransac, RunsToItsBoundWhereNoSampleIsLikelyToSucceed) {
   Rng rng = TestRng();
   const NearTruth near = MakeNearTruth(rng, {});
   const FixedGenerator hopeless({near.local}, 0);
-  const auto report = RunWith(near, {{&hopeless, Solver::kP3p, kBoth}}, Iterations(10, 57), rng);
+  const auto report =
+      RunWith(near, {{&hopeless, Solver::kP3p, MatchSets::kBoth}}, Iterations(10, 57), rng);
   EXPECT_EQ(report.iterations, 57);
   EXPECT_TRUE(report.best) << "the best of what there was";
 }
@@ -64,7 +63,8 @@ TEST(Ransac, RunsItsLeastIterationsWhereEverySampleSucceeds) {
   Rng rng = TestRng();
   const NearTruth near = MakeNearTruth(rng, {});
   const FixedGenerator sure({near.local}, 1);
-  const auto report = RunWith(near, {{&sure, Solver::kP3p, kBoth}}, Iterations(23, 1000), rng);
+  const auto report =
+      RunWith(near, {{&sure, Solver::kP3p, MatchSets::kBoth}}, Iterations(23, 1000), rng);
   EXPECT_EQ(report.iterations, 23);
 }
 
@@ -77,7 +77,7 @@ TEST(Ransac, DrawsAsManySamplesAsTheConfidenceAsksFor) {
       EstimatorOptions options = Iterations(10, 100000);
       options.confidence = confidence;
       const FixedGenerator sampler({near.local}, probability);
-      const auto report = RunWith(near, {{&sampler, Solver::kP3p, kBoth}}, options, rng);
+      const auto report = RunWith(near, {{&sampler, Solver::kP3p, MatchSets::kBoth}}, options, rng);
       const int needed =
           static_cast<int>(std::ceil(std::log(1 - confidence) / std::log(1 - probability)));
       EXPECT_EQ(report.iterations, std::max(10, needed));
@@ -90,9 +90,9 @@ TEST(Ransac, EndsWithTheFirstSolverThatIsDone) {
   const NearTruth near = MakeNearTruth(rng, {});
   const FixedGenerator hopeless({near.local}, 0);
   const FixedGenerator good({near.local}, 0.1);
-  const auto report =
-      RunWith(near, {{&hopeless, Solver::kP3p, kBoth}, {&good, Solver::kE5p1, kBoth}},
-              Iterations(10, 100000), rng);
+  const auto report = RunWith(
+      near, {{&hopeless, Solver::kP3p, MatchSets::kBoth}, {&good, Solver::kE5p1, MatchSets::kBoth}},
+      Iterations(10, 100000), rng);
   EXPECT_EQ(report.iterations, std::ceil(std::log(1e-4) / std::log(0.9)));
   EXPECT_EQ(hopeless.num_samples(), report.iterations) << "each draws in every iteration";
   EXPECT_EQ(good.num_samples(), report.iterations);
@@ -103,9 +103,9 @@ TEST(Ransac, DrawsOneSolverAtATimeWhereItIsChosenByProbability) {
   const NearTruth near = MakeNearTruth(rng, {});
   const FixedGenerator hopeless({near.local}, 0);
   const FixedGenerator good({near.local}, 0.01);
-  const auto report =
-      RunWith(near, {{&hopeless, Solver::kP3p, kBoth}, {&good, Solver::kE5p1, kBoth}},
-              Iterations(10, 500), rng, SolverSchedule::kByProbability);
+  const auto report = RunWith(
+      near, {{&hopeless, Solver::kP3p, MatchSets::kBoth}, {&good, Solver::kE5p1, MatchSets::kBoth}},
+      Iterations(10, 500), rng, SolverSchedule::kByProbability);
   EXPECT_EQ(hopeless.num_samples() + good.num_samples(), report.iterations);
   EXPECT_LT(hopeless.num_samples(), 15) << "only as long as no pose is known";
 }
@@ -117,7 +117,8 @@ TEST(Ransac, EndsAtOnceWhereNothingCanFitBetter) {
   perfect.outlier_ratio_2d3d = perfect.outlier_ratio_2d2d = {0, 0};
   const NearTruth near = MakeNearTruth(rng, perfect);
   const P3pSampler p3p(near.prepared);
-  const auto report = RunWith(near, {{&p3p, Solver::kP3p, kBoth}}, Iterations(100, 1000), rng);
+  const auto report =
+      RunWith(near, {{&p3p, Solver::kP3p, MatchSets::kBoth}}, Iterations(100, 1000), rng);
   EXPECT_EQ(report.iterations, 1);
   ASSERT_TRUE(report.best);
   EXPECT_TRUE(near.IsTrue(report.best->pose, 1e-4, 1e-4));
@@ -128,8 +129,9 @@ TEST(Ransac, KeepsTheBestPoseAndWhoMadeIt) {
   const NearTruth near = MakeNearTruth(rng, {}, 30, 3);
   const FixedGenerator wrong({near.local}, 0);
   const FixedGenerator right({near.local, near.local_truth}, 0);
-  const auto report = RunWith(near, {{&wrong, Solver::kP3p, kBoth}, {&right, Solver::kE5p1, kBoth}},
-                              Iterations(10, 20), rng);
+  const auto report = RunWith(
+      near, {{&wrong, Solver::kP3p, MatchSets::kBoth}, {&right, Solver::kE5p1, MatchSets::kBoth}},
+      Iterations(10, 20), rng);
   ASSERT_TRUE(report.best);
   EXPECT_EQ(report.best->solver, Solver::kE5p1);
   EXPECT_TRUE(near.IsTrue(report.best->pose, 0.1, 0.05));
@@ -143,7 +145,7 @@ TEST(Ransac, HasNoPoseWithoutSolversOrSolutions) {
   EXPECT_EQ(no_solvers.iterations, 0);
   const FixedGenerator degenerate({}, 1);
   const auto no_solutions =
-      RunWith(near, {{&degenerate, Solver::kP3p, kBoth}}, Iterations(10, 20), rng);
+      RunWith(near, {{&degenerate, Solver::kP3p, MatchSets::kBoth}}, Iterations(10, 20), rng);
   EXPECT_FALSE(no_solutions.best);
   EXPECT_EQ(no_solutions.iterations, 20);
 }

@@ -6,10 +6,6 @@
 namespace raylift {
 namespace {
 
-constexpr MatchSets kPoints = MatchSets::k2D3D;
-constexpr MatchSets kPairs = MatchSets::k2D2D;
-constexpr MatchSets kBoth = MatchSets::kBoth;
-
 SyntheticOptions NoiseFree(double outlier_ratio) {
   SyntheticOptions options;
   options.sigma_px = 0;
@@ -25,7 +21,7 @@ RefinedPose Refine(const NearTruth& near, const CamFromLocal& start, MatchSets s
 
 TEST(RefineFinally, ReachesTheTruthOfNoiseFreeMatches) {
   Rng rng = TestRng();
-  for (const MatchSets sets : {kPoints, kPairs, kBoth}) {
+  for (const MatchSets sets : {MatchSets::k2D3D, MatchSets::k2D2D, MatchSets::kBoth}) {
     for (int trial = 0; trial < 10; ++trial) {
       const NearTruth clean = MakeNearTruth(rng, NoiseFree(0), 0.3, 0.03);
       EXPECT_TRUE(clean.IsTrue(Refine(clean, clean.local, sets).pose, 1e-5, 1e-6));
@@ -40,7 +36,7 @@ TEST(RefineFinally, ReachesTheTruthOfNoiseFreeMatches) {
 TEST(RefineFinally, DoesNotDependOnWhereItStartsWithinTheThreshold) {
   Rng rng = TestRng();
   const NearTruth near = MakeNearTruth(rng, {}, 0.1, 0.01);
-  for (const MatchSets sets : {kPoints, kPairs, kBoth}) {
+  for (const MatchSets sets : {MatchSets::k2D3D, MatchSets::k2D2D, MatchSets::kBoth}) {
     const RefinedPose from_near = Refine(near, near.local, sets);
     const RefinedPose from_truth = Refine(near, near.local_truth, sets);
     // Within a third of the standard deviation, some 3 mm.
@@ -52,7 +48,7 @@ TEST(RefineFinally, DoesNotDependOnWhereItStartsWithinTheThreshold) {
 TEST(RefineFinally, LeavesThePosesOfThePaperAsTheyAre) {
   Rng rng = TestRng();
   const NearTruth near = MakeNearTruth(rng, {});
-  for (const MatchSets sets : {kPoints, kPairs, kBoth}) {
+  for (const MatchSets sets : {MatchSets::k2D3D, MatchSets::k2D2D, MatchSets::kBoth}) {
     const RefinedPose same = Refine(near, near.local, sets, Refinement::kPaper);
     EXPECT_EQ(same.pose.rotation, near.local.rotation);
     EXPECT_EQ(same.pose.translation, near.local.translation);
@@ -63,7 +59,7 @@ TEST(RefineFinally, LeavesThePosesOfThePaperAsTheyAre) {
 TEST(RefineFinally, HasACovarianceUnlessThePoseIsUndetermined) {
   Rng rng = TestRng();
   const NearTruth near = MakeNearTruth(rng, {});
-  for (const MatchSets sets : {kPoints, kPairs, kBoth}) {
+  for (const MatchSets sets : {MatchSets::k2D3D, MatchSets::k2D2D, MatchSets::kBoth}) {
     const auto covariance = Refine(near, near.local, sets).covariance;
     ASSERT_TRUE(covariance);
     EXPECT_EQ(*covariance, covariance->transpose());
@@ -74,8 +70,8 @@ TEST(RefineFinally, HasACovarianceUnlessThePoseIsUndetermined) {
   nothing.num_2d2d = 0;
   nothing.outlier_ratio_2d3d = {0, 0};
   const NearTruth two_points = MakeNearTruth(rng, nothing, 0, 0);
-  EXPECT_FALSE(Refine(two_points, two_points.local, kPoints).covariance);
-  EXPECT_FALSE(Refine(two_points, two_points.local, kBoth).covariance);
+  EXPECT_FALSE(Refine(two_points, two_points.local, MatchSets::k2D3D).covariance);
+  EXPECT_FALSE(Refine(two_points, two_points.local, MatchSets::kBoth).covariance);
 }
 
 }  // namespace

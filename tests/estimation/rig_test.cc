@@ -21,9 +21,9 @@ namespace {
 using Eigen::Vector3d;
 
 #ifdef __SANITIZE_ADDRESS__
-constexpr int kProblems = 4;
+constexpr int kRigProblems = 4;
 #else
-constexpr int kProblems = 20;
+constexpr int kRigProblems = 20;
 #endif
 
 constexpr Method kMethods[] = {Method::kP3p,      Method::kE5p1,         Method::kD3p1,
@@ -164,7 +164,7 @@ TEST(Rig, EveryMethodFindsThePoseOfExactMatches) {
 TEST(Rig, OnePointPerImageIsEnough) {
   Rng rng = TestRng();
   int right = 0;
-  for (int i = 0; i < kProblems; ++i) {
+  for (int i = 0; i < kRigProblems; ++i) {
     CoherentProblem made = ExactRig(6, 1, rng);
     made.problem.matches_2d2d.clear();
     for (Match2D3D& match : made.problem.matches_2d3d) match.match_2d2d.reset();
@@ -176,13 +176,13 @@ TEST(Rig, OnePointPerImageIsEnough) {
     const PoseEstimate estimate = EstimateWith(options, made.problem);
     right += PositionError(estimate, made.query_from_world) < 0.01 ? 1 : 0;
   }
-  EXPECT_GE(right, 0.8 * kProblems);  // some references see fewer than four of the points
+  EXPECT_GE(right, 0.8 * kRigProblems);  // some references see fewer than four of the points
 }
 
 // The way between the cameras stands for the second reference.
 TEST(Rig, OneReferenceTellsThePositionByTheWayBetweenTheCameras) {
   Rng rng = TestRng();
-  for (int i = 0; i < kProblems; ++i) {
+  for (int i = 0; i < kRigProblems; ++i) {
     CoherentProblem made = MakeCoherentProblem("one reference",
                                                {.num_keypoints = 60,
                                                 .num_references = 1,
@@ -223,7 +223,7 @@ TEST(Rig, IsLocalizedWhereItsImagesAreNot) {
   Rng rng = TestRng();
   for (const int num_cameras : {2, 3, 4, 6}) {
     double right_rigs = 0, right_images = 0;
-    for (int i = 0; i < kProblems; ++i) {
+    for (int i = 0; i < kRigProblems; ++i) {
       const CoherentProblem made = MakeCoherentProblem("few",
                                                        {.num_keypoints = 10,
                                                         .num_references = 2,
@@ -255,7 +255,7 @@ TEST(Rig, IsLocalizedWhereItsImagesAreNot) {
 TEST(Rig, CovarianceTellsTheErrors) {
   Rng rng = TestRng();
   double sum = 0;
-  for (int i = 0; i < kProblems; ++i) {
+  for (int i = 0; i < kRigProblems; ++i) {
     const CoherentProblem made =
         MakeCoherentProblem("rig", {.num_keypoints = 60, .num_cameras = 3}, rng);
     const PoseEstimate estimate = EstimateWith(Method::kAdaptive, made.problem);
@@ -263,13 +263,13 @@ TEST(Rig, CovarianceTellsTheErrors) {
     const Vector6d error = StepBetween(*estimate.cam_from_world, made.query_from_world);
     sum += error.dot(estimate.covariance->ldlt().solve(error));
   }
-  EXPECT_GT(sum / kProblems, 2);
-  EXPECT_LT(sum / kProblems, 12);
+  EXPECT_GT(sum / kRigProblems, 2);
+  EXPECT_LT(sum / kRigProblems, 12);
 }
 
 TEST(Rig, PriorsAreOfTheQuerysOwnCamera) {
   Rng rng = TestRng();
-  for (int i = 0; i < kProblems; ++i) {
+  for (int i = 0; i < kRigProblems; ++i) {
     CoherentProblem made = ExactRig(3, 2, rng);
     made.problem.matches_2d2d.clear();
     std::erase_if(made.problem.matches_2d3d,

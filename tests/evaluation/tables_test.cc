@@ -84,7 +84,7 @@ TEST(Tables, TextKeepsOddNamesOnTheirLine) {
   EXPECT_THAT(text, HasSubstr("\nM\xc3\xbcnchen *        3"));
 }
 
-constexpr const char* kScript = R"(
+constexpr const char* kTablesScript = R"(
 import csv
 import json
 import sys
@@ -116,7 +116,7 @@ TEST(Tables, OddNamesAndNumbersAreTheSameToPythonsReaders) {
     results.back().missing_names = {name};
   }
   const auto folder = TestFolder();
-  std::ofstream(folder / "check.py") << kScript;
+  std::ofstream(folder / "check.py") << kTablesScript;
   std::ofstream(folder / "table.csv") << FormatTableCsv({kThresholds, results});
   std::ofstream(folder / "table.json") << FormatTableJson({kThresholds, results});
   EXPECT_EQ(RunProgram("python3 " + (folder / "check.py").string() + " " + folder.string()),

@@ -12,7 +12,7 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
 // `within` of ten queries are exact, the others a unit off.
-SettingResult Result(const Setting& setting, int within) {
+SettingResult TenQueries(const Setting& setting, int within) {
   SettingResult result;
   result.setting = setting;
   result.thresholds = {{0.1, 1}, {2, 5}};
@@ -29,11 +29,11 @@ const TableLayout kByGeometry = {
 Experiment SomeExperiment() { return ReadText(kTwoScenes + "[[grid]]\nscene = \"room\"\n"); }
 
 std::vector<SettingResult> SomeResults() {
-  return {Result(RoomSetting(1, "mesh", Method::kP3p), 9),
-          Result(RoomSetting(1, "noisy", Method::kP3p), 2),
-          Result(RoomSetting(1, "", Method::kE5p1), 6),
-          Result(RoomSetting(1, "mesh", Method::kAdaptive, ScoreCombination::kSumMsac), 9),
-          Result(RoomSetting(1, "noisy", Method::kAdaptive, ScoreCombination::kSumMsac), 7)};
+  return {TenQueries(RoomSetting(1, "mesh", Method::kP3p), 9),
+          TenQueries(RoomSetting(1, "noisy", Method::kP3p), 2),
+          TenQueries(RoomSetting(1, "", Method::kE5p1), 6),
+          TenQueries(RoomSetting(1, "mesh", Method::kAdaptive, ScoreCombination::kSumMsac), 9),
+          TenQueries(RoomSetting(1, "noisy", Method::kAdaptive, ScoreCombination::kSumMsac), 7)};
 }
 
 TEST(Pivot, WhatNeedsNoGeometryStandsInAllItsColumns) {
@@ -62,7 +62,7 @@ TEST(Pivot, ATableMayHaveOneColumnOfAll) {
 
 TEST(Pivot, RanksEachColumnAndLeavesOutTheOracle) {
   std::vector<SettingResult> results = SomeResults();
-  results.push_back(Result(RoomSetting(1, "mesh", Oracle()), 10));
+  results.push_back(TenQueries(RoomSetting(1, "mesh", Oracle()), 10));
   results.back().uses_ground_truth = true;
   const PivotTable table = MakePivot(SomeExperiment(), kByGeometry, results);
   EXPECT_THAT(table.rows[0].cells[0].places, ElementsAre(1, 1));  // P3P, as good as Adaptive

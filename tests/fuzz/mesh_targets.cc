@@ -37,7 +37,7 @@ void CheckMesh(const TriangleMesh& mesh) {
 }
 
 template <size_t N>
-void ReadAs(const char (&name)[N], std::string_view bytes) {
+void ReadSurfaceAs(const char (&name)[N], std::string_view bytes) {
   CheckMesh(ReadMesh(PutFile(name, bytes), {.threads = 1}));
 }
 
@@ -237,42 +237,43 @@ bool SurvivesInChild(const std::filesystem::path& file) {
 std::vector<FuzzTarget> MeshFuzzTargets() {
   SetMeshTrial(&SurvivesInChild);
   return {
-      {"mesh_ply", [](std::string_view bytes) { ReadAs("mesh.ply", bytes); }, PlySeeds,
+      {"mesh_ply", [](std::string_view bytes) { ReadSurfaceAs("mesh.ply", bytes); }, PlySeeds,
        "ply format ascii binary_little_endian binary_big_endian element vertex face property list "
        "uchar char short ushort int uint float double vertex_indices texcoord texnumber red green "
        "blue nx ny nz u v end_header comment TextureFile obj_info 18446744073709551615 nan 1e308 "
        "4294967295"},
       {"mesh_obj", ReadObjFolder, ObjSeeds,
        "=FILE= v vt vn f usemtl mtllib newmtl Kd map_Kd -1 / // nan 1e308 2147483648"},
-      {"mesh_stl", [](std::string_view bytes) { ReadAs("mesh.stl", bytes); },
+      {"mesh_stl", [](std::string_view bytes) { ReadSurfaceAs("mesh.stl", bytes); },
        [] {
          return std::vector<std::string>{StlSeed(), std::string(kAsciiStl)};
        },
        "solid facet normal outer loop vertex endloop endfacet endsolid nan 1e308"},
-      {"mesh_gltf", [](std::string_view bytes) { ReadAs("mesh.gltf", bytes); }, GltfSeeds,
+      {"mesh_gltf", [](std::string_view bytes) { ReadSurfaceAs("mesh.gltf", bytes); }, GltfSeeds,
        "\"nodes\" \"children\" \"mesh\" \"accessors\" \"bufferView\" \"byteOffset\" \"byteStride\" "
        "\"count\" \"indices\" \"sparse\" \"TEXCOORD_0\" \"COLOR_0\" \"materials\" \"textures\" "
        "\"images\" \"skin\" \"matrix\" -1 4294967295 5121 5123 5125 VEC4 MAT4 SCALAR"},
-      {"mesh_glb", [](std::string_view bytes) { ReadAs("mesh.glb", bytes); }, GlbSeeds,
+      {"mesh_glb", [](std::string_view bytes) { ReadSurfaceAs("mesh.glb", bytes); }, GlbSeeds,
        "glTF JSON BIN \"nodes\" \"children\" \"byteOffset\" \"byteStride\" \"sparse\" \"indices\" "
        "-1 4294967295"},
-      {"mesh_dae", [](std::string_view bytes) { ReadAs("mesh.dae", bytes); },
+      {"mesh_dae", [](std::string_view bytes) { ReadSurfaceAs("mesh.dae", bytes); },
        [] { return AssimpSeeds("collada"); },
        "<node> <instance_geometry url=\"# <source <float_array count= <accessor stride= offset= "
        "<triangles <polylist <vcount> <p> <input semantic= <matrix> <controller <skin 4294967295 "
        "-1"},
-      {"mesh_fbx", [](std::string_view bytes) { ReadAs("mesh.fbx", bytes); },
+      {"mesh_fbx", [](std::string_view bytes) { ReadSurfaceAs("mesh.fbx", bytes); },
        [] { return AssimpSeeds("fbxa"); },
        "Vertices: PolygonVertexIndex: Connections: C: Objects: Geometry: Model: *4294967295 -1 a:"},
       {"mesh_tiles", ReadTilesetFolder, TilesetSeeds,
        "=FILE= b3dm cmpt i3dm subt glTF \"children\" \"contents\" \"uri\" \"transform\" \"refine\" "
        "\"region\" \"box\" \"constant\" \"bitstream\" \"bufferView\" \"implicitTiling\" OCTREE "
        "{level} {x} {y} inner.json ../ http:// 4294967295 -1 1e308"},
-      {"mesh_city_json", [](std::string_view bytes) { ReadAs("mesh.city.json", bytes); },
+      {"mesh_city_json", [](std::string_view bytes) { ReadSurfaceAs("mesh.city.json", bytes); },
        CityJsonSeeds,
        "\"lod\" \"children\" \"template\" \"boundaries\" \"MultiSolid\" \"CompositeSurface\" "
        "\"GeometryInstance\" \"referenceSystem\" -1 4294967295 1e308 [[ ]]"},
-      {"mesh_city_gml", [](std::string_view bytes) { ReadAs("mesh.gml", bytes); }, CityGmlSeeds,
+      {"mesh_city_gml", [](std::string_view bytes) { ReadSurfaceAs("mesh.gml", bytes); },
+       CityGmlSeeds,
        "<OrientableSurface orientation=\"-\"> <tin> <Triangle> <coordinates> lod1Solid "
        "lod3Geometry "
        "xlink:href=\"#b\" srsDimension=\"2\" <interiorRoom> <!DOCTYPE <![CDATA[ nan 1e308"},

@@ -14,13 +14,13 @@ namespace {
 
 namespace fs = std::filesystem;
 
-const std::string kHeader = R"({"command":"test","tasks":5,"options":{"seed":0}})";
+const std::string kTestHeader = R"({"command":"test","tasks":5,"options":{"seed":0}})";
 const std::string kOtherHeader = R"({"command":"test","tasks":5,"options":{"seed":1}})";
 const std::vector<std::string> kNames = {"a", "b", "c", "d", "e"};
 
 class TaskJobs : public ::testing::Test {
  protected:
-  TaskJob Open(const JobFolder& folder, const std::string& header = kHeader) const {
+  TaskJob Open(const JobFolder& folder, const std::string& header = kTestHeader) const {
     return {kNames,
             header,
             folder,

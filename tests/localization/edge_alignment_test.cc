@@ -22,8 +22,6 @@
 namespace raylift {
 namespace {
 
-const std::filesystem::path kDemo = RAYLIFT_DEMO_DIR;
-
 Camera Pinhole() {
   const double params[] = {100, 80, 60};
   return {CameraModel::kSimplePinhole, 160, 120, params};
@@ -113,9 +111,9 @@ class DemoAlignment : public testing::Test {
  protected:
   PoseEstimate Align(const Eigen::Vector3d& turn_deg, const Eigen::Vector3d& shift,
                      double sigma_m = 0.3, double sigma_deg = 2, size_t index = 1) {
-    static const MeshScene mesh = LoadMeshScene({"mesh:" + (kDemo / "scene.obj").string()});
-    const Query query = ReadQueryList(kDemo / "queries.txt").at(index);
-    truth_ = PosesOf(LoadReferences(kDemo / "ground_truth", 1).references).at(query.name);
+    static const MeshScene mesh = LoadMeshScene({"mesh:" + (DemoFolder() / "scene.obj").string()});
+    const Query query = ReadQueryList(DemoFolder() / "queries.txt").at(index);
+    truth_ = PosesOf(LoadReferences(DemoFolder() / "ground_truth", 1).references).at(query.name);
     if (roll_deg_ != 0) RollCamera(query);
     const Eigen::Quaterniond rotation =
         RotationFromVector(turn_deg * std::numbers::pi / 180) * truth_.rotation;
@@ -135,7 +133,7 @@ class DemoAlignment : public testing::Test {
   // focal length and is distorted radially.
   void RollCamera(const Query& query) {
     ASSERT_EQ(query.camera.model(), CameraModel::kSimpleRadial);
-    Image image = ReadImage(kDemo / "images" / query.name, ImageChannels::kGray);
+    Image image = ReadImage(DemoFolder() / "images" / query.name, ImageChannels::kGray);
     const auto params = query.camera.params();
     const cv::Point2d principal_point(params[1] - 0.5, params[2] - 0.5);
     const cv::Mat photograph = AsMat(image).clone();
@@ -148,7 +146,7 @@ class DemoAlignment : public testing::Test {
     const Eigen::AngleAxisd roll(roll_deg_ * std::numbers::pi / 180, Eigen::Vector3d::UnitZ());
     truth_ = Rigid3{Eigen::Quaterniond(roll), Eigen::Vector3d::Zero()} * truth_;
   }
-  std::filesystem::path photographs_ = kDemo / "images";
+  std::filesystem::path photographs_ = DemoFolder() / "images";
 };
 
 TEST_F(DemoAlignment, FromAPriorNearByIsExactAndSure) {

@@ -9,7 +9,7 @@
 namespace raylift {
 namespace {
 
-std::vector<std::string> Names(const std::vector<PosedImage>& images) {
+std::vector<std::string> NamesOf(const std::vector<PosedImage>& images) {
   std::vector<std::string> names;
   for (const PosedImage& image : images) names.push_back(image.name);
   return names;
@@ -20,12 +20,12 @@ using StringVector = std::vector<std::string>;
 TEST(References, EveryNthIsTakenByNameFromTheFirstOn) {
   const RoomScene scene = WriteRoomScene(TestFolder());
   const auto load = [&](int every) { return LoadReferences(scene.model(), every).references; };
-  EXPECT_EQ(Names(load(1).images).size(), 6u);
+  EXPECT_EQ(NamesOf(load(1).images).size(), 6u);
   EXPECT_TRUE(load(1).thinned_out.empty());
-  EXPECT_EQ(Names(load(2).images), (StringVector{"ref/00.png", "ref/02.png", "ref/04.png"}));
+  EXPECT_EQ(NamesOf(load(2).images), (StringVector{"ref/00.png", "ref/02.png", "ref/04.png"}));
   EXPECT_EQ(load(2).thinned_out, (StringVector{"ref/01.png", "ref/03.png", "ref/05.png"}));
-  EXPECT_EQ(Names(load(4).images), (StringVector{"ref/00.png", "ref/04.png"}));
-  EXPECT_EQ(Names(load(100).images), StringVector{"ref/00.png"});
+  EXPECT_EQ(NamesOf(load(4).images), (StringVector{"ref/00.png", "ref/04.png"}));
+  EXPECT_EQ(NamesOf(load(100).images), StringVector{"ref/00.png"});
   EXPECT_EQ(load(100).thinned_out.size(), 5u);
   EXPECT_EQ(load(2).model, scene.model());
 }
@@ -36,7 +36,7 @@ TEST(References, SubsamplingStartsAtTheOffset) {
     return LoadReferences(scene.model(), subsampling).references;
   };
   const ReferenceSet references = load({.every = 3, .offset = 1});
-  EXPECT_EQ(Names(references.images), (StringVector{"ref/01.png", "ref/04.png"}));
+  EXPECT_EQ(NamesOf(references.images), (StringVector{"ref/01.png", "ref/04.png"}));
   EXPECT_EQ(references.thinned_out,
             (StringVector{"ref/00.png", "ref/02.png", "ref/03.png", "ref/05.png"}));
   EXPECT_TRUE(FailsWithInputError([&] { load({.every = 9, .offset = 6}); },

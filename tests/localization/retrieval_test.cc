@@ -130,7 +130,7 @@ TriangleMesh Joined(const TriangleMesh& a, const TriangleMesh& b) {
   for (const auto& t : b.triangles) {
     triangles.push_back({t[0] + offset, t[1] + offset, t[2] + offset});
   }
-  return MakeMesh(positions, triangles);
+  return MeshOfShape(positions, triangles);
 }
 
 TEST(RetrieveByOverlap, IsTheShareOfRaysThatTheReferenceSees) {

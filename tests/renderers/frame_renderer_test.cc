@@ -7,6 +7,7 @@
 #include <limits>
 #include <numbers>
 
+#include "renderers/casters.h"
 #include "support/enum_names.h"
 #include "support/matchers.h"
 #include "support/meshes.h"
@@ -19,12 +20,11 @@
 namespace raylift {
 namespace {
 
-const Eigen::Vector3d kGeoreferenced(4e5, 5e6, 300);
 const Eigen::Vector3d kHalf(3, 2, 4);
 const Eigen::Vector3d kEye(0.5, -0.3, -1);  // from the box's center
 
-std::shared_ptr<const RayCaster> MakeCaster(TriangleMesh mesh) {
-  return std::make_shared<const RayCaster>(std::make_shared<const TriangleMesh>(std::move(mesh)));
+std::shared_ptr<const RayCaster> ShareCaster(TriangleMesh mesh) {
+  return std::make_shared<const RayCaster>(MakeCaster(std::move(mesh)));
 }
 
 FrameOptions AllMaps() {
@@ -57,7 +57,7 @@ BoxHit HitBox(const Eigen::Vector3d& direction) {
 
 TEST(FrameRenderer, EveryMapOfABoxIsTheClosedFormsInEveryCamera) {
   const TriangleMesh box = MakeBox(kGeoreferenced, kHalf);
-  const auto caster = MakeCaster(box);
+  const auto caster = ShareCaster(box);
   const Rigid3 pose = LookAt(kGeoreferenced + kEye, kGeoreferenced + Eigen::Vector3d(2, 1.5, 3));
   const FrameRenderer renderer(caster, AllMaps());
   Frame frame;
@@ -95,7 +95,7 @@ TEST(FrameRenderer, EveryMapOfABoxIsTheClosedFormsInEveryCamera) {
 }
 
 TEST(FrameRenderer, NormalsInTheCameraAreThoseOfTheWorldTurned) {
-  const auto caster = MakeCaster(MakeSphere({0, 0, 4}, 1, 30, 60));
+  const auto caster = ShareCaster(MakeSphere({0, 0, 4}, 1, 30, 60));
   const Rigid3 pose = LookAt({0.5, -2, 1}, {0, 0, 4});
   const PixelRays rays(CamerasOfEveryModel().front(), 1);
   FrameOptions options = AllMaps();
@@ -119,7 +119,7 @@ TEST(FrameRenderer, NormalsInTheCameraAreThoseOfTheWorldTurned) {
 }
 
 TEST(FrameRenderer, AMillionRaysFindNoHoleInAClosedMesh) {
-  const auto caster = MakeCaster(MakeSphere(kGeoreferenced, 7, 60, 120));
+  const auto caster = ShareCaster(MakeSphere(kGeoreferenced, 7, 60, 120));
   FrameOptions options;
   options.mask = true;
   const FrameRenderer renderer(caster, options);
@@ -162,7 +162,7 @@ TEST(FrameRenderer, DepthOfARealMeshIsThatOfAPlainLoop) {
   const TriangleMesh mesh = ReadMesh(*data / "mesh.ply");
   FrameOptions options;
   options.depth = true;
-  const FrameRenderer renderer(MakeCaster(mesh), options);
+  const FrameRenderer renderer(ShareCaster(mesh), options);
   const double params[] = {14.5, 8, 6, -0.05};
   const PixelRays rays(Camera(CameraModel::kSimpleRadial, 16, 12, params), 1);
   const Rigid3 pose;  // that of the sequence's first frame

@@ -5,6 +5,7 @@
 #include <limits>
 #include <numbers>
 
+#include "renderers/casters.h"
 #include "support/matchers.h"
 #include "support/meshes.h"
 #include "support/test_data.h"
@@ -15,12 +16,6 @@
 
 namespace raylift {
 namespace {
-
-const Eigen::Vector3d kGeoreferenced(4e5, 5e6, 300);
-
-RayCaster MakeCaster(TriangleMesh mesh, const RayCasterOptions& options = {}) {
-  return RayCaster(std::make_shared<const TriangleMesh>(std::move(mesh)), options);
-}
 
 Eigen::Vector3d RandomDirection(Rng& rng) {
   return Eigen::Vector3d(rng.Normal(), rng.Normal(), rng.Normal()).normalized();

@@ -2,6 +2,7 @@
 #include <array>
 #include <cmath>
 
+#include "renderers/casters.h"
 #include "support/matchers.h"
 #include "support/meshes.h"
 #include <Eigen/Geometry>
@@ -11,12 +12,6 @@
 
 namespace raylift {
 namespace {
-
-const Eigen::Vector3d kGeoreferenced(4e5, 5e6, 300);
-
-RayCaster MakeCaster(TriangleMesh mesh) {
-  return RayCaster(std::make_shared<const TriangleMesh>(std::move(mesh)));
-}
 
 Camera Pinhole(int width_px, int height_px, double focal_px) {
   const double params[] = {focal_px, focal_px, 0.5 * width_px, 0.5 * height_px};
@@ -114,7 +109,7 @@ TEST(RenderDepth, SameBytesForAnyThreadCount) {
 // A square of 2 x 2 at z = 2 that fills a 64 x 64 image, upright: u to the right, v up.
 TriangleMesh TexturedSquare(Image texture) {
   TriangleMesh mesh =
-      MakeMesh({{-1, -1, 2}, {1, -1, 2}, {1, 1, 2}, {-1, 1, 2}}, {{0, 2, 1}, {0, 3, 2}});
+      MeshOfShape({{-1, -1, 2}, {1, -1, 2}, {1, 1, 2}, {-1, 1, 2}}, {{0, 2, 1}, {0, 3, 2}});
   mesh.texture_coordinates = {{0, 1}, {1, 1}, {1, 0}, {0, 0}};
   mesh.triangle_textures = {0, 0};
   mesh.textures = {std::move(texture)};
@@ -157,7 +152,7 @@ TEST(RenderColor, FarTextureIsAveragedNotSampled) {
 
 TEST(RenderColor, VertexColorsAreInterpolated) {
   TriangleMesh mesh =
-      MakeMesh({{-1, -1, 2}, {1, -1, 2}, {1, 1, 2}, {-1, 1, 2}}, {{0, 2, 1}, {0, 3, 2}});
+      MeshOfShape({{-1, -1, 2}, {1, -1, 2}, {1, 1, 2}, {-1, 1, 2}}, {{0, 2, 1}, {0, 3, 2}});
   mesh.vertex_colors_rgb = {{0, 0, 0}, {255, 0, 0}, {255, 255, 0}, {0, 255, 0}};
   const RayCaster caster = MakeCaster(std::move(mesh));
   const Image image = RenderColor(caster, Pinhole(51, 51, 51), Rigid3(), {}, 1);
@@ -183,7 +178,7 @@ TEST(RenderColor, BackgroundAndUntexturedColorsAreTheOptions) {
 TEST(RenderColor, SupersamplingAveragesAnEdge) {
   // The half plane x < 0 covers half of the middle pixel's column.
   TriangleMesh mesh =
-      MakeMesh({{-50, -50, 2}, {0, -50, 2}, {0, 50, 2}, {-50, 50, 2}}, {{0, 2, 1}, {0, 3, 2}});
+      MeshOfShape({{-50, -50, 2}, {0, -50, 2}, {0, 50, 2}, {-50, 50, 2}}, {{0, 2, 1}, {0, 3, 2}});
   const RayCaster caster = MakeCaster(std::move(mesh));
   ColorOptions options;
   options.untextured_rgb = {200, 200, 200};
@@ -211,7 +206,7 @@ TEST(RenderColor, SunLightsAndCastsShadowsAlsoFarFromTheOrigin) {
                                               {-5, -5, 9}, {0, -5, 9}, {0, 5, 9}, {-5, 5, 9}};
     for (Eigen::Vector3d& position : positions) position += center;
     const RayCaster caster =
-        MakeCaster(MakeMesh(positions, {{0, 1, 2}, {0, 2, 3}, {4, 5, 6}, {4, 6, 7}}));
+        MakeCaster(MeshOfShape(positions, {{0, 1, 2}, {0, 2, 3}, {4, 5, 6}, {4, 6, 7}}));
     ColorOptions options;
     options.shading = ColorOptions::Shading::kSun;
     options.sun_direction_in_world = {0, 0, -3};

@@ -9,7 +9,7 @@
 namespace raylift {
 namespace {
 
-constexpr uint64_t kMaxPixels = 1000;
+constexpr uint64_t kPixelLimit = 1000;
 
 // A gray picture of 4 x 3 pixels.
 std::string Picture() { return "P5 4 3 255\n" + std::string(12, '\x80'); }
@@ -19,7 +19,7 @@ LocalizeRequest ReadForm(const std::string& image, const std::string& query) {
       "--b\r\nContent-Disposition: form-data; name=image; filename=a.pgm\r\n\r\n{}\r\n"
       "--b\r\nContent-Disposition: form-data; name=query\r\n\r\n{}\r\n--b--\r\n",
       image, query);
-  return ReadLocalizeRequest("multipart/form-data; boundary=b", body, {}, kMaxPixels);
+  return ReadLocalizeRequest("multipart/form-data; boundary=b", body, {}, kPixelLimit);
 }
 
 Problem ProblemOf(const std::string& image, const std::string& query) {
@@ -82,7 +82,7 @@ TEST(LocalizeRequest, MatchesAreOfTheScenesReferences) {
       R"({"camera": "SIMPLE_PINHOLE 4 3 5 2 1.5", "matches": [{"reference": "r.jpg",)"
       R"( "query_px": [[1, 2], [3, 1], [1, 2]], "reference_px": [[0, 0], [1, 1], [0.5, 1]]}]})";
   const LocalizeRequest request =
-      ReadLocalizeRequest("application/json", body, {{"r.jpg", &reference}}, kMaxPixels);
+      ReadLocalizeRequest("application/json", body, {{"r.jpg", &reference}}, kPixelLimit);
   const auto& matches = std::get<QueryMatches>(request.evidence);
   ASSERT_EQ(matches.references.size(), 1u);
   ASSERT_EQ(matches.matches.size(), 3u);

@@ -8,8 +8,8 @@
 
 namespace raylift {
 
-TriangleMesh MakeMesh(const std::vector<Eigen::Vector3d>& positions,
-                      std::vector<std::array<uint32_t, 3>> triangles) {
+TriangleMesh MeshOfShape(const std::vector<Eigen::Vector3d>& positions,
+                         std::vector<std::array<uint32_t, 3>> triangles) {
   TriangleMesh mesh;
   for (const Eigen::Vector3d& position : positions) {
     mesh.origin_in_world += position / static_cast<double>(positions.size());
@@ -36,7 +36,7 @@ TriangleMesh MakePlane(const Rigid3& world_from_plane, double half, int cells) {
       }
     }
   }
-  return MakeMesh(positions, std::move(triangles));
+  return MeshOfShape(positions, std::move(triangles));
 }
 
 TriangleMesh MakeBox(const Eigen::Vector3d& center, const Eigen::Vector3d& half_size) {
@@ -46,18 +46,18 @@ TriangleMesh MakeBox(const Eigen::Vector3d& center, const Eigen::Vector3d& half_
                                  (i & 4) != 0 ? 1 : -1);
     positions.push_back(center + corner.cwiseProduct(half_size));
   }
-  return MakeMesh(positions, {{0, 2, 1},
-                              {1, 2, 3},
-                              {4, 5, 6},
-                              {5, 7, 6},
-                              {0, 1, 4},
-                              {1, 5, 4},
-                              {2, 6, 3},
-                              {3, 6, 7},
-                              {0, 4, 2},
-                              {2, 4, 6},
-                              {1, 3, 5},
-                              {3, 7, 5}});
+  return MeshOfShape(positions, {{0, 2, 1},
+                                 {1, 2, 3},
+                                 {4, 5, 6},
+                                 {5, 7, 6},
+                                 {0, 1, 4},
+                                 {1, 5, 4},
+                                 {2, 6, 3},
+                                 {3, 6, 7},
+                                 {0, 4, 2},
+                                 {2, 4, 6},
+                                 {1, 3, 5},
+                                 {3, 7, 5}});
 }
 
 TriangleMesh MakeSphere(const Eigen::Vector3d& center, double radius, int rings, int segments) {
@@ -89,7 +89,7 @@ TriangleMesh MakeSphere(const Eigen::Vector3d& center, double radius, int rings,
     }
     triangles.push_back({last, index(rings - 1, segment + 1), index(rings - 1, segment)});
   }
-  return MakeMesh(positions, std::move(triangles));
+  return MeshOfShape(positions, std::move(triangles));
 }
 
 std::vector<Camera> CamerasOfEveryModel() {

@@ -14,8 +14,8 @@
 namespace raylift {
 
 // A mesh of these world positions, recentered as ReadMesh does.
-TriangleMesh MakeMesh(const std::vector<Eigen::Vector3d>& positions,
-                      std::vector<std::array<uint32_t, 3>> triangles);
+TriangleMesh MeshOfShape(const std::vector<Eigen::Vector3d>& positions,
+                         std::vector<std::array<uint32_t, 3>> triangles);
 
 // The square [-half, half]^2 at z = 0 in the frame of `world_from_plane`, wound so that its normal
 // is -z, in cells x cells pairs of triangles.

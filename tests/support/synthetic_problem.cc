@@ -26,7 +26,7 @@ Vector3d NormalVector(Rng& rng) { return Vector3d{rng.Normal(), rng.Normal(), rn
 double Draw(Rng& rng, UniformRange interval) { return rng.Uniform(interval.low, interval.high); }
 
 // The orientation of a camera at `center` that looks at `target`, with y down.
-Eigen::Quaterniond LookAt(const Vector3d& center, const Vector3d& target) {
+Eigen::Quaterniond Facing(const Vector3d& center, const Vector3d& target) {
   const Vector3d z = (target - center).normalized();
   const Vector3d x = Vector3d::UnitY().cross(z).normalized();
   Eigen::Matrix3d rotation;
@@ -92,7 +92,7 @@ class ProblemMaker {
       const double tilt = options_.tilt_deg * kDegree * rng_.Uniform();
       if (options_.layout == ReferenceLayout::kShared) center = shared;
       if (options_.layout == ReferenceLayout::kCoincident && i == 0) center.setZero();
-      Eigen::Quaterniond rotation = RotationFromVector(tilt * axis) * LookAt(center, SceneMiddle());
+      Eigen::Quaterniond rotation = RotationFromVector(tilt * axis) * Facing(center, SceneMiddle());
       if (options_.layout == ReferenceLayout::kForward) {
         const double distance = options_.baseline * rng_.Uniform(0.3, 1);
         center = {0, 0, rng_.Uniform() < 0.5 ? distance : -distance};

@@ -22,6 +22,10 @@ std::filesystem::path TestFolder() {
   return folder;
 }
 
+std::filesystem::path DemoFolder() {
+  return std::filesystem::path(RAYLIFT_SOURCE_DIR) / "assets" / "demo";
+}
+
 std::optional<std::filesystem::path> FindTestData(const std::string& name) {
   std::vector<std::filesystem::path> candidates;
   if (const char* variable = std::getenv("RAYLIFT_TEST_DATA")) {

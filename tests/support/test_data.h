@@ -11,6 +11,9 @@ namespace raylift {
 // A folder for the running test alone, empty at its start.
 std::filesystem::path TestFolder();
 
+// assets/demo.
+std::filesystem::path DemoFolder();
+
 // The folder of a real data set (e.g. "rgbd_small") where the environment variable
 // RAYLIFT_TEST_DATA, or the folder shared/data beside the checkout, has it; a test skips otherwise:
 //   const auto data = FindTestData("rgbd_small");

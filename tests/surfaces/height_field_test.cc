@@ -138,7 +138,7 @@ class HeightField : public testing::Test {
 };
 
 // Corners of a mesh in the world, sorted.
-std::vector<std::array<double, 3>> Corners(const TriangleMesh& mesh) {
+std::vector<std::array<double, 3>> MapCorners(const TriangleMesh& mesh) {
   std::vector<std::array<double, 3>> corners;
   for (uint32_t i = 0; i < mesh.vertices.size(); ++i) {
     const Eigen::Vector3d p = mesh.VertexInWorld(i);
@@ -152,7 +152,7 @@ TEST_F(HeightField, VerticesAreTheCentersOfCells) {
   const TriangleMesh mesh = Read(SmallField());
   const double x = kEast + 0.25, y = kNorth - 0.25;
   EXPECT_EQ(
-      Corners(mesh),
+      MapCorners(mesh),
       (std::vector<std::array<double, 3>>{
           {x, y - 0.5, 11}, {x, y, 10}, {x + 0.5, y - 0.5, 21}, {x + 0.5, y, 20}, {x + 1, y, 30}}));
   EXPECT_EQ(mesh.triangles.size(), 3u);
@@ -167,7 +167,7 @@ TEST_F(HeightField, VerticesAreTheCentersOfCells) {
 TEST_F(HeightField, PixelIsPointIsHalfACellElsewhere) {
   TiffWriter tiff = SmallField();
   tiff.Keys(1, 2, 32632);
-  const auto corners = Corners(Read(tiff));
+  const auto corners = MapCorners(Read(tiff));
   EXPECT_EQ(corners.front(), (std::array<double, 3>{kEast, kNorth - 0.5, 11}));
 }
 
@@ -180,7 +180,7 @@ TEST_F(HeightField, TransformationMayTurnAndMirror) {
     tiff.Doubles(34264,
                  {along, across, 0, kEast, across, along, 0, kNorth, 0, 0, 0, 0, 0, 0, 0, 1});
     const TriangleMesh mesh = Read(tiff);
-    EXPECT_EQ(Corners(mesh)[1],
+    EXPECT_EQ(MapCorners(mesh)[1],
               (std::array<double, 3>{kEast + 0.25, kNorth + 0.75, mirrors ? 3.0 : 2.0}));
     ASSERT_EQ(mesh.triangles.size(), 2u);
     for (const auto& t : mesh.triangles) {
@@ -209,7 +209,7 @@ TEST_F(HeightField, CellsAreCutAlongTheSmallerStepInHeight) {
 
 TEST_F(HeightField, WorldFileSaysWhereFirstCenterIs) {
   WriteFile(folder_ / "dsm.tfw", "0.5\n0\n0\n-0.5\n1000\n2000\n");
-  const auto corners = Corners(Read(TiffWriter(2, 2, BytesOf<float>({1, 2, 3, 4}), false)));
+  const auto corners = MapCorners(Read(TiffWriter(2, 2, BytesOf<float>({1, 2, 3, 4}), false)));
   EXPECT_EQ(corners.back(), (std::array<double, 3>{1000.5, 2000, 2}));
   WriteFile(folder_ / "dsm.tfw", "0.5\n0\n0\n-0.5\n1000\n");
   EXPECT_TRUE(FailsWithInputError([this] { ReadHeightField(file()); },
@@ -281,7 +281,7 @@ TEST_F(HeightField, FilesOfOneGridAreOneSurface) {
   PartOfField(3, 2, 3, 2).Write(tiles / "c.TIF");
   for (const std::string& files : {tiles.string(), (tiles / "*.[tT]*").string()}) {
     const TriangleMesh mesh = ReadHeightField(files);
-    EXPECT_EQ(Corners(mesh), Corners(whole));
+    EXPECT_EQ(MapCorners(mesh), MapCorners(whole));
     EXPECT_EQ(mesh.triangles.size(), whole.triangles.size());
   }
   std::filesystem::remove(tiles / "c.TIF");
@@ -398,7 +398,7 @@ TEST_F(HeightField, RealOneHasTheHeightsThatOpenCvReads) {
     }
   }
   double west = std::numeric_limits<double>::infinity(), north = -west;
-  for (const auto& [x, y, z] : Corners(mesh)) {
+  for (const auto& [x, y, z] : MapCorners(mesh)) {
     west = std::min(west, x);
     north = std::max(north, y);
   }
@@ -406,7 +406,7 @@ TEST_F(HeightField, RealOneHasTheHeightsThatOpenCvReads) {
   EXPECT_LE(mesh.vertices.size(), known);
   EXPECT_GT(mesh.vertices.size(), known * 0.98);
   constexpr double kCell = 0.15;
-  for (const auto& [x, y, z] : Corners(mesh)) {
+  for (const auto& [x, y, z] : MapCorners(mesh)) {
     const int row = top + static_cast<int>(std::lround((north - y) / kCell));
     const int column = left + static_cast<int>(std::lround((x - west) / kCell));
     ASSERT_NEAR(heights.at<float>(row, column), z, 1e-3);

@@ -37,7 +37,7 @@ void ExpectUp(const TriangleMesh& mesh, const Eigen::Vector3d& up, double within
 }
 
 TEST(EstimateUp, OfTheDemo) {
-  const TriangleMesh mesh = ReadMesh(std::string(RAYLIFT_DEMO_FOLDER) + "/scene.obj");
+  const TriangleMesh mesh = ReadMesh(DemoFolder() / "scene.obj");
   EXPECT_EQ(EstimateUp(mesh).up_in_world, Eigen::Vector3d::UnitZ());
   ExpectUp(mesh, Eigen::Vector3d::UnitZ(), 1.5);
 }

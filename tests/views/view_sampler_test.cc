@@ -16,7 +16,7 @@ namespace {
 
 const Eigen::Vector3d kGeoreferenced(4e5, 5e6, 300);
 
-Camera Pinhole() {
+Camera SamplerPinhole() {
   const double params[] = {300, 300, 320, 240};
   return {CameraModel::kPinhole, 640, 480, params};
 }
@@ -76,7 +76,7 @@ void ExpectClear(const RayCaster& mesh, const Rigid3& pose, double clearance, do
 
 TEST(SampleInside, CamerasStandOnTheFloorClearOfEverything) {
   const RayCaster mesh = Scene(MakeRooms(kGeoreferenced));
-  const ViewSamplerOptions options{.camera = Pinhole(), .count = 40};
+  const ViewSamplerOptions options{.camera = SamplerPinhole(), .count = 40};
   const SampledViews views = SampleInside(mesh, options, {});
   EXPECT_TRUE(views.warnings.empty());
   ASSERT_EQ(views.cam_from_world.size(), 40u);
@@ -93,7 +93,7 @@ TEST(SampleInside, CamerasStandOnTheFloorClearOfEverything) {
 
 TEST(SampleInside, ManyViewsOfFewPlacesAndTheSameForTheSameSeed) {
   const RayCaster mesh = Scene(InsideOut(MakeBox({0, 0, 1}, {0.5, 0.5, 1})));
-  ViewSamplerOptions options{.camera = Pinhole(), .count = 60, .clearance = 0.2};
+  ViewSamplerOptions options{.camera = SamplerPinhole(), .count = 60, .clearance = 0.2};
   const InsideOptions inside{.eye_height = 1};
   const SampledViews views = SampleInside(mesh, options, inside);
   ASSERT_EQ(views.cam_from_world.size(), 60u);
@@ -122,7 +122,7 @@ TEST(SampleInside, TakesAnyDirectionAsUp) {
   EXPECT_LT((level - up).norm(), 1e-5);
   const RayCaster caster = Scene(std::move(mesh));
   const SampledViews views =
-      SampleInside(caster, {.camera = Pinhole(), .count = 10, .up_in_world = level}, {});
+      SampleInside(caster, {.camera = SamplerPinhole(), .count = 10, .up_in_world = level}, {});
   ASSERT_EQ(views.cam_from_world.size(), 10u);
   for (const Rigid3& pose : views.cam_from_world) {
     EXPECT_NEAR(up.dot(pose.OriginInSource()), 1.6, 1e-4);
@@ -132,9 +132,9 @@ TEST(SampleInside, TakesAnyDirectionAsUp) {
 
 TEST(SampleInside, SaysWhereThereIsNoPlace) {
   const RayCaster mesh = Scene(InsideOut(MakeBox({0, 0, 0.5}, {5, 5, 0.5})));  // too low
-  EXPECT_TRUE(FailsWithInputError([&] { SampleInside(mesh, {.camera = Pinhole()}, {}); },
+  EXPECT_TRUE(FailsWithInputError([&] { SampleInside(mesh, {.camera = SamplerPinhole()}, {}); },
                                   {"no place for a camera", "the eye height"}));
-  EXPECT_FALSE(TrySampleInside(mesh, {.camera = Pinhole()}, {}));
+  EXPECT_FALSE(TrySampleInside(mesh, {.camera = SamplerPinhole()}, {}));
 }
 
 TEST(SampleInside, CamerasOfARealRoomAreClearOfItsWalls) {
@@ -145,7 +145,8 @@ TEST(SampleInside, CamerasOfARealRoomAreClearOfItsWalls) {
   const RayCaster caster = Scene(std::move(mesh));
   const InsideOptions inside{.eye_height = 0.8};
   const SampledViews views = SampleInside(
-      caster, {.camera = Pinhole(), .count = 20, .up_in_world = up, .clearance = 0.2}, inside);
+      caster, {.camera = SamplerPinhole(), .count = 20, .up_in_world = up, .clearance = 0.2},
+      inside);
   ASSERT_EQ(views.cam_from_world.size(), 20u);
   for (const Rigid3& pose : views.cam_from_world) {
     ExpectClear(caster, pose, 0.2, 0.15);  // rims of holes show their backs
@@ -155,7 +156,7 @@ TEST(SampleInside, CamerasOfARealRoomAreClearOfItsWalls) {
 TEST(SampleAround, TheWholeMeshIsInEveryPicture) {
   const TriangleMesh sphere = MakeSphere(kGeoreferenced, 2, 20, 40);
   const RayCaster mesh = Scene(sphere);
-  const Camera camera = Pinhole();
+  const Camera camera = SamplerPinhole();
   for (const double low : {-30.0, 40.0}) {  // a belt and a ring
     const SampledViews views = SampleAround(mesh, {.camera = camera, .count = 25},
                                             {.min_elevation_deg = low, .max_elevation_deg = 40});
@@ -175,7 +176,7 @@ TEST(SampleAround, TheWholeMeshIsInEveryPicture) {
 
 TEST(SampleAlong, LooksAlongTheLineAndLeavesOutWhatIsInWalls) {
   const RayCaster mesh = Scene(MakeRooms({0, 0, 0}));
-  const ViewSamplerOptions options{.camera = Pinhole(), .count = 21};
+  const ViewSamplerOptions options{.camera = SamplerPinhole(), .count = 21};
   // Through the pillar, whose faces are at x = 1.6 and 2.4.
   const std::vector<Eigen::Vector3d> line = {{-4, 1, 1.6}, {4, 1, 1.6}, {4, -3, 1.6}};
   const SampledViews views = SampleAlong(mesh, options, line);
