@@ -148,7 +148,7 @@ TEST(Compare, AFinishedFolderIsReplacedOnlyWhereThatIsAskedFor) {
       "--max-side", "64",      "--overlaps",  "0",          "--out",
       out};
   // On a full disk nothing is finished.
-  const CommandResult full = RunCommand(WithFullDisk(0, compare));
+  const CommandResult full = RunProcess(WithFullDisk(0, compare));
   EXPECT_EQ(full.exit_code, 5) << full.err;
   ASSERT_TRUE(Succeeds(RunRaylift(compare)));
   const std::string before = ReadFile(out / "sources.csv");
@@ -222,7 +222,7 @@ TEST_F(CompareJob, KeepsLocalizedQueriesWhereTheDiskIsFull) {
   const fs::path out = folder_ / "out";
   ASSERT_TRUE(Succeeds(RunRaylift(Compare(folder_ / "whole"))));
   const size_t size = fs::file_size(folder_ / "whole" / "manifest.jsonl");
-  const CommandResult full = RunCommand(WithFullDisk(size / 1024, Compare(out)));
+  const CommandResult full = RunProcess(WithFullDisk(size / 1024, Compare(out)));
   EXPECT_EQ(full.exit_code, 5) << full.err;
   EXPECT_GT(CountDone(out), 0u);
   EXPECT_FALSE(fs::exists(out / "options.json"));

@@ -120,7 +120,7 @@ TEST_F(EstimateJob, AFullDiskNamesTheFileAndTheRestIsResumed) {
   const fs::path out = folder_ / "out";
   ASSERT_GT(fs::file_size(whole / "manifest.jsonl"), 8u * 1024);
   EXPECT_TRUE(FailsWith(5, {(out / "manifest.jsonl").string(), "cannot be written"},
-                        RunCommand(WithFullDisk(16, Estimate(out)))));
+                        RunProcess(WithFullDisk(16, Estimate(out)))));
   EXPECT_GT(CountDone(out), 0u);
   EXPECT_LT(CountDone(out), 12u);
   ASSERT_TRUE(Succeeds(RunRaylift(Estimate(out, {"--resume"}))));

@@ -113,7 +113,7 @@ TEST_F(ExperimentJob, PartsInFoldersOfTheirOwnAreMerged) {
 TEST_F(ExperimentJob, AFullDiskNamesTheFileAndTheRestIsDoneLater) {
   const fs::path whole = Whole(), out = folder_ / "out";
   ASSERT_GT(fs::file_size(whole / "manifest.jsonl"), 2u * 1024);
-  const CommandResult full = RunCommand(WithFullDisk(4, Experiment(out)));
+  const CommandResult full = RunProcess(WithFullDisk(4, Experiment(out)));
   EXPECT_EQ(full.exit_code, 5) << full.err;
   EXPECT_THAT(full.err, HasSubstr("cannot be written"));
   ASSERT_TRUE(Succeeds(RunRaylift(Experiment(out, {"--resume"}))));

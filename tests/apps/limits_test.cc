@@ -56,14 +56,14 @@ Arguments Evaluate() { return {"evaluate", "--ground-truth", DemoFolder() / "gro
 
 // A list may come from a shell's pipe.
 TEST(Limits, ListsOfAShellAreRead) {
-  const CommandResult result = RunCommand(
+  const CommandResult result = RunProcess(
       InShell("exec \"$@\" --poses <(echo query/query_01.jpg 1 0 0 0 0 0 0)", Evaluate()));
   EXPECT_EQ(result.exit_code, 0) << result.err;
 }
 
 // It waits for what never comes.
 TEST(Limits, ASignalEndsWhatDoesNotHeedIt) {
-  const CommandResult result = RunCommand(
+  const CommandResult result = RunProcess(
       InShell("exec 3< <(sleep 30); \"$@\" --poses /dev/fd/3 & sleep 1; kill -TERM $!; wait $!",
               Evaluate()));
   EXPECT_TRUE(FailsWith(4, {"stopped by a signal"}, result));
@@ -85,7 +85,7 @@ TEST(Limits, ASignalEndsEveryCommandInGoodOrder) {
 
 TEST(Limits, ASmallStackIsAnError) {
   EXPECT_TRUE(
-      FailsWith(6, {"stack"}, RunCommand(InShell("ulimit -s 64; exec \"$@\"", {"--version"}))));
+      FailsWith(6, {"stack"}, RunProcess(InShell("ulimit -s 64; exec \"$@\"", {"--version"}))));
 }
 
 }  // namespace

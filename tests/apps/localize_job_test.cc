@@ -168,7 +168,7 @@ TEST_F(LocalizeJob, AFullDiskNamesTheFileAndTheRestIsResumed) {
   const fs::path out = folder_ / "out";
   // No file may be larger than 16 kB, which the manifest is in the end.
   ASSERT_GT(fs::file_size(whole / "manifest.jsonl"), 16u * 1024);
-  const CommandResult full = RunCommand(WithFullDisk(32, Localize(out)));
+  const CommandResult full = RunProcess(WithFullDisk(32, Localize(out)));
   EXPECT_TRUE(FailsWith(5, {(out / "manifest.jsonl").string(), "cannot be written"}, full));
   EXPECT_GT(CountDone(out), 0u);
   EXPECT_LT(CountDone(out), 12u);

@@ -23,7 +23,7 @@ Arguments operator+(Arguments a, const Arguments& b) {
 }
 
 CommandResult RunRaylift(const Arguments& arguments) {
-  return RunCommand(Arguments{RAYLIFT_PROGRAM} + arguments);
+  return RunProcess(Arguments{RAYLIFT_PROGRAM} + arguments);
 }
 
 pid_t StartRaylift(const Arguments& arguments) {

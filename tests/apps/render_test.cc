@@ -353,7 +353,7 @@ TEST_F(Render, WorksWithoutDisplayAndWithAHomeThatIsReadOnly) {
       Arguments{"/usr/bin/env",          "-u",           "DISPLAY", "-u", "WAYLAND_DISPLAY",
                 "HOME=" + home.string(), RAYLIFT_PROGRAM} +
       Command(out_);
-  EXPECT_TRUE(Succeeds(RunCommand(command)));
+  EXPECT_TRUE(Succeeds(RunProcess(command)));
   EXPECT_TRUE(fs::is_empty(home));
 }
 
@@ -408,7 +408,7 @@ TEST_F(Render, AFullDiskNamesTheFileAndTheRestIsResumed) {
                                       "--out"};
   ASSERT_TRUE(Succeeds(RunRaylift(command + Arguments{scene_.folder / "whole"})));
   const CommandResult full =
-      RunCommand(Arguments{"/bin/sh", "-c", "trap '' XFSZ; ulimit -f 128; exec \"$@\"", "sh",
+      RunProcess(Arguments{"/bin/sh", "-c", "trap '' XFSZ; ulimit -f 128; exec \"$@\"", "sh",
                            RAYLIFT_PROGRAM} +
                  command + Arguments{out_});
   EXPECT_TRUE(FailsWith(5, {(out_ / "depth" / "large.npy").string(), "cannot be written"}, full));

@@ -103,7 +103,7 @@ nlohmann::json Probe(const fs::path& page, int width_px) {
   WriteFile(probed, html);
   const fs::path profile = page.parent_path() / "profile";
   const CommandResult result =
-      RunCommand({"/usr/bin/chromium", "--headless=new", "--no-sandbox", "--disable-gpu",
+      RunProcess({"/usr/bin/chromium", "--headless=new", "--no-sandbox", "--disable-gpu",
                   "--disable-dev-shm-usage", "--user-data-dir=" + profile.string(),
                   "--window-size=" + std::to_string(width_px) + ",900",
                   "--virtual-time-budget=8000", "--dump-dom", "file://" + probed.string()});

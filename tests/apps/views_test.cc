@@ -95,7 +95,7 @@ TEST_F(Views, AFolderThatCannotBeWrittenIsNamed) {
       5, {file.string()},
       RunRaylift(Arguments{"views", "--geometry", "mesh:" + (demo_ / "scene.obj").string(), "--out",
                            file / "out"})));
-  const CommandResult full = RunCommand(WithFullDisk(0, Command() + Arguments{"--count", "3"}));
+  const CommandResult full = RunProcess(WithFullDisk(0, Command() + Arguments{"--count", "3"}));
   EXPECT_EQ(full.exit_code, 5) << full.err;
   EXPECT_EQ(FilesBelow(out_), std::vector<std::string>());
 }

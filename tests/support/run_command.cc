@@ -37,7 +37,7 @@ class TemporaryFile {
 
 }  // namespace
 
-CommandResult RunCommand(const std::vector<std::string>& arguments) {
+CommandResult RunProcess(const std::vector<std::string>& arguments) {
   const TemporaryFile out, err;
   posix_spawn_file_actions_t actions;
   posix_spawn_file_actions_init(&actions);

@@ -14,6 +14,6 @@ struct CommandResult {
 };
 
 // arguments[0] is the program; no shell is involved.
-CommandResult RunCommand(const std::vector<std::string>& arguments);
+CommandResult RunProcess(const std::vector<std::string>& arguments);
 
 }  // namespace raylift
