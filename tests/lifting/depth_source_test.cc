@@ -31,14 +31,6 @@ Camera MakeCamera() {
   return {CameraModel::kPinhole, 640, 480, params};
 }
 
-std::vector<Eigen::Vector2d> RandomPixels(const Camera& camera, int count, Rng& rng) {
-  std::vector<Eigen::Vector2d> pixels;
-  for (int i = 0; i < count; ++i) {
-    pixels.emplace_back(rng.Uniform(0, camera.width_px()), rng.Uniform(0, camera.height_px()));
-  }
-  return pixels;
-}
-
 // The largest distance, in a second view, between points lifted from the mesh and from its rendered
 // depth map, where the mesh is smooth around the keypoint.
 double LargestDifferencePx(const RayCaster& caster, const std::shared_ptr<const RayCaster>& shared,

@@ -15,19 +15,9 @@
 namespace raylift {
 namespace {
 
-const Eigen::Vector3d kGeoreferenced(4e5, 5e6, 300);
-
 MeshSource MakeSource(TriangleMesh mesh) {
   return MeshSource("mesh:test", std::make_shared<const RayCaster>(
                                      std::make_shared<const TriangleMesh>(std::move(mesh))));
-}
-
-std::vector<Eigen::Vector2d> PixelsAtRandom(const Camera& camera, size_t count, Rng& rng) {
-  std::vector<Eigen::Vector2d> pixels;
-  for (size_t i = 0; i < count; ++i) {
-    pixels.emplace_back(rng.Uniform(0, camera.width_px()), rng.Uniform(0, camera.height_px()));
-  }
-  return pixels;
 }
 
 // Lifts random pixels of every camera model; compares with the closed form's length of the ray,
@@ -38,7 +28,7 @@ void CheckSource(const MeshSource& source, const Rigid3& cam_from_world,
                  const RayLength& expected) {
   Rng rng = TestRng();
   for (const Camera& camera : CamerasOfEveryModel()) {
-    const auto pixels = PixelsAtRandom(camera, 1000, rng);
+    const auto pixels = RandomPixels(camera, 1000, rng);
     const auto points = source.Lift({"reference", camera, cam_from_world}, pixels);
     ASSERT_EQ(points.size(), pixels.size());
     int compared = 0;
@@ -175,7 +165,7 @@ TEST(MeshSource, APointDoesNotDependOnWhatElseIsLifted) {
   const double params[] = {500, 510, 322, 238};
   const PosedImage reference{"reference", Camera(CameraModel::kPinhole, 640, 480, params),
                              LookAt({1.2, -2.1, 0.8}, {0, 0, 0})};
-  const auto pixels = PixelsAtRandom(reference.camera, 700, rng);
+  const auto pixels = RandomPixels(reference.camera, 700, rng);
   const MeshSource source("mesh", caster, {.limits = {.max_depth_jump = 1e9}});
   const MeshSource with_near("mesh", caster, {.limits = {.near_z = 0.01, .max_depth_jump = 1e9}});
   const auto together = source.Lift(reference, pixels);

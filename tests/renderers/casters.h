@@ -9,9 +9,6 @@
 
 namespace raylift {
 
-// Far from the origin, as coordinates of maps are.
-inline const Eigen::Vector3d kGeoreferenced(4e5, 5e6, 300);
-
 inline RayCaster MakeCaster(TriangleMesh mesh, const RayCasterOptions& options = {}) {
   return RayCaster(std::make_shared<const TriangleMesh>(std::move(mesh)), options);
 }

@@ -13,11 +13,6 @@
 namespace raylift {
 namespace {
 
-Camera Pinhole(int width_px, int height_px, double focal_px) {
-  const double params[] = {focal_px, focal_px, 0.5 * width_px, 0.5 * height_px};
-  return Camera(CameraModel::kPinhole, width_px, height_px, params);
-}
-
 // Calls check(pixel, ray_in_cam, z) for every pixel of the depth map, in the camera's frame.
 template <typename Check>
 void ForEachPixel(const Camera& camera, const DepthMap& depth, const Check& check) {
@@ -93,7 +88,7 @@ TEST(RenderDepth, BoxHasTheDepthOfTheClosedFormInEveryCamera) {
 
 TEST(RenderDepth, PixelsWithoutSurfaceAreZero) {
   const RayCaster caster = MakeCaster(MakeBox({0, 0, 10}, {1, 1, 1}));
-  const DepthMap depth = RenderDepth(caster, Pinhole(19, 13, 10), Rigid3(), 1);
+  const DepthMap depth = RenderDepth(caster, CenteredPinhole(19, 13, 10), Rigid3(), 1);
   EXPECT_EQ(depth.At(0, 0), 0.0f);
   EXPECT_EQ(depth.At(18, 12), 0.0f);
   EXPECT_FLOAT_EQ(depth.At(9, 6), 9.0f);
@@ -101,7 +96,7 @@ TEST(RenderDepth, PixelsWithoutSurfaceAreZero) {
 
 TEST(RenderDepth, SameBytesForAnyThreadCount) {
   const RayCaster caster = MakeCaster(MakeSphere({0, 0, 5}, 2, 40, 80));
-  const Camera camera = Pinhole(211, 157, 150);
+  const Camera camera = CenteredPinhole(211, 157, 150);
   const DepthMap one = RenderDepth(caster, camera, Rigid3(), 1);
   EXPECT_EQ(RenderDepth(caster, camera, Rigid3(), 4).z, one.z);
 }
@@ -126,7 +121,7 @@ TEST(RenderColor, TextureStandsUprightAndKeepsItsTexels) {
   Image texture{64, 64, 3, std::vector<uint8_t>(size_t{64} * 64 * 3)};
   for (uint8_t& byte : texture.data) byte = static_cast<uint8_t>(rng.UniformIndex(256));
   const RayCaster caster = MakeCaster(TexturedSquare(texture));
-  const Image image = RenderColor(caster, Pinhole(64, 64, 64), Rigid3(), {}, 2);
+  const Image image = RenderColor(caster, CenteredPinhole(64, 64, 64), Rigid3(), {}, 2);
   // A pixel sees one texel, center on center; its footprint is estimated to a few percent, so that
   // a little of the halved texture is mixed in.
   for (int y = 0; y < 64; ++y) {
@@ -144,7 +139,7 @@ TEST(RenderColor, FarTextureIsAveragedNotSampled) {
     if ((i + i / 256) % 2 == 0) std::fill_n(&texture.data[static_cast<size_t>(i) * 3], 3, 255);
   }
   const RayCaster caster = MakeCaster(TexturedSquare(texture));
-  const Image image = RenderColor(caster, Pinhole(16, 16, 16), Rigid3(), {}, 1);
+  const Image image = RenderColor(caster, CenteredPinhole(16, 16, 16), Rigid3(), {}, 1);
   for (const uint8_t value : image.data) {
     EXPECT_NEAR(value, 127.5, 2);
   }
@@ -155,7 +150,7 @@ TEST(RenderColor, VertexColorsAreInterpolated) {
       MeshOfShape({{-1, -1, 2}, {1, -1, 2}, {1, 1, 2}, {-1, 1, 2}}, {{0, 2, 1}, {0, 3, 2}});
   mesh.vertex_colors_rgb = {{0, 0, 0}, {255, 0, 0}, {255, 255, 0}, {0, 255, 0}};
   const RayCaster caster = MakeCaster(std::move(mesh));
-  const Image image = RenderColor(caster, Pinhole(51, 51, 51), Rigid3(), {}, 1);
+  const Image image = RenderColor(caster, CenteredPinhole(51, 51, 51), Rigid3(), {}, 1);
   for (int i = 0; i < 51; ++i) {
     const int expected = static_cast<int>(std::lround((i + 0.5) / 51 * 255));
     EXPECT_NEAR(At(image, i, 10)[0], expected, 1);
@@ -170,7 +165,7 @@ TEST(RenderColor, BackgroundAndUntexturedColorsAreTheOptions) {
   options.background_rgb = {1, 2, 3};
   options.untextured_rgb = {50, 60, 70};
   options.samples_per_pixel_side = 3;
-  const Image image = RenderColor(caster, Pinhole(21, 21, 10), Rigid3(), options, 2);
+  const Image image = RenderColor(caster, CenteredPinhole(21, 21, 10), Rigid3(), options, 2);
   EXPECT_EQ(At(image, 0, 0), (std::array{1, 2, 3}));
   EXPECT_EQ(At(image, 10, 10), (std::array{50, 60, 70}));
 }
@@ -183,7 +178,7 @@ TEST(RenderColor, SupersamplingAveragesAnEdge) {
   ColorOptions options;
   options.untextured_rgb = {200, 200, 200};
   options.samples_per_pixel_side = 4;
-  const Image image = RenderColor(caster, Pinhole(9, 9, 10), Rigid3(), options, 1);
+  const Image image = RenderColor(caster, CenteredPinhole(9, 9, 10), Rigid3(), options, 1);
   EXPECT_EQ(At(image, 3, 4)[0], 200);
   EXPECT_EQ(At(image, 4, 4)[0], 100);
   EXPECT_EQ(At(image, 5, 4)[0], 0);
@@ -195,7 +190,7 @@ TEST(RenderColor, HeadlightIsTheCosineToTheViewer) {
   ColorOptions options;
   options.shading = ColorOptions::Shading::kHeadlight;
   options.untextured_rgb = {255, 255, 255};
-  const Image image = RenderColor(caster, Pinhole(3, 3, 100), Rigid3(), options, 1);
+  const Image image = RenderColor(caster, CenteredPinhole(3, 3, 100), Rigid3(), options, 1);
   EXPECT_NEAR(At(image, 1, 1)[0], 255 * std::cos(0.9), 1);
 }
 
@@ -214,7 +209,8 @@ TEST(RenderColor, SunLightsAndCastsShadowsAlsoFarFromTheOrigin) {
     options.untextured_rgb = {200, 200, 200};
     const Rigid3 cam_from_world =
         LookAt(center + Eigen::Vector3d(0, 0, 8), center);  // below the roof
-    const Image image = RenderColor(caster, Pinhole(40, 40, 40), cam_from_world, options, 2);
+    const Image image =
+        RenderColor(caster, CenteredPinhole(40, 40, 40), cam_from_world, options, 2);
     int lit = 0;
     int shaded = 0;
     for (int x = 0; x < 40; ++x) {
@@ -231,7 +227,7 @@ TEST(RenderColor, SameBytesForAnyThreadCount) {
   ColorOptions options;
   options.shading = ColorOptions::Shading::kSun;
   options.samples_per_pixel_side = 2;
-  const Camera camera = Pinhole(111, 57, 60);
+  const Camera camera = CenteredPinhole(111, 57, 60);
   const Image one = RenderColor(caster, camera, Rigid3(), options, 1);
   EXPECT_EQ(RenderColor(caster, camera, Rigid3(), options, 4).data, one.data);
 }

@@ -120,4 +120,17 @@ Rigid3 LookAt(const Eigen::Vector3d& center, const Eigen::Vector3d& target) {
   return {rotation, -(rotation * center)};
 }
 
+Camera CenteredPinhole(int width_px, int height_px, double focal_px) {
+  const double params[] = {focal_px, focal_px, 0.5 * width_px, 0.5 * height_px};
+  return Camera(CameraModel::kPinhole, width_px, height_px, params);
+}
+
+std::vector<Eigen::Vector2d> RandomPixels(const Camera& camera, int count, Rng& rng) {
+  std::vector<Eigen::Vector2d> pixels;
+  for (int i = 0; i < count; ++i) {
+    pixels.emplace_back(rng.Uniform(0, camera.width_px()), rng.Uniform(0, camera.height_px()));
+  }
+  return pixels;
+}
+
 }  // namespace raylift

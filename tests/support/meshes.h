@@ -7,11 +7,16 @@
 #include <string>
 #include <vector>
 
+#include "base/rng.h"
+
 #include "raylift/geometry/camera.h"
 #include "raylift/geometry/rigid3.h"
 #include "raylift/surfaces/triangle_mesh.h"
 
 namespace raylift {
+
+// Far from the origin, as coordinates of maps are.
+inline const Eigen::Vector3d kGeoreferenced(4e5, 5e6, 300);
 
 // A mesh of these world positions, recentered as ReadMesh does.
 TriangleMesh MeshOfShape(const std::vector<Eigen::Vector3d>& positions,
@@ -33,5 +38,11 @@ std::vector<Camera> CamerasOfEveryModel();
 
 // The pose of a camera at `center` that looks at `target`, image up roughly along -y of the world.
 Rigid3 LookAt(const Eigen::Vector3d& center, const Eigen::Vector3d& target);
+
+// Its principal point is the middle of the image.
+Camera CenteredPinhole(int width_px, int height_px, double focal_px);
+
+// Anywhere in the image.
+std::vector<Eigen::Vector2d> RandomPixels(const Camera& camera, int count, Rng& rng);
 
 }  // namespace raylift

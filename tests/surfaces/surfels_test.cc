@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "support/matchers.h"
+#include "support/meshes.h"
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
@@ -15,8 +16,6 @@
 
 namespace raylift {
 namespace {
-
-const Eigen::Vector3d kGeoreferenced(4e5, 5e6, 300);
 
 // A square of 2 x 2 about `center`, turned by `axes`, with points of some density at random, moved
 // along the normal by noise.

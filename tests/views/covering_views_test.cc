@@ -10,11 +10,6 @@
 namespace raylift {
 namespace {
 
-Camera Pinhole() {
-  const double params[] = {60, 60, 40, 30};
-  return {CameraModel::kPinhole, 80, 60, params};
-}
-
 // The corner of a room, as a scan of it: two walls, no floor; nothing faces z.
 RayCaster CornerOfARoom() {
   std::vector<TriangleMesh> walls;
@@ -25,7 +20,8 @@ RayCaster CornerOfARoom() {
   return RayCaster(std::make_shared<const TriangleMesh>(MergeMeshes(std::move(walls))));
 }
 
-const ViewSamplerOptions kOptions{.camera = Pinhole(), .count = 12, .clearance = 0.2};
+const ViewSamplerOptions kOptions{
+    .camera = CenteredPinhole(80, 60, 60), .count = 12, .clearance = 0.2};
 
 TEST(SampleCovering, SeesAllWallsFromTheirFrontAndKeepsClear) {
   const RayCaster mesh = CornerOfARoom();

@@ -16,11 +16,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-Camera Pinhole(int width_px, int height_px, double focal_px) {
-  const double params[] = {focal_px, focal_px, 0.5 * width_px, 0.5 * height_px};
-  return {CameraModel::kPinhole, width_px, height_px, params};
-}
-
 double FovDeg(const Camera& camera) {
   return 2 * std::atan(0.5 * camera.width_px() / camera.focal_x_px()) * 180 / EIGEN_PI;
 }
@@ -36,14 +31,15 @@ std::shared_ptr<const RayCaster> Room() {
 RenderedReferenceOptions SmallViews(const fs::path& out) {
   RenderedReferenceOptions options;
   options.out = out;
-  options.views.camera = Pinhole(40, 30, 30);
+  options.views.camera = CenteredPinhole(40, 30, 30);
   options.views.count = 5;
   return options;
 }
 
 TEST(CameraLikeQueries, IsAsSharpAndAsWideAsThem) {
-  const std::vector<Camera> queries = {Pinhole(640, 480, 400), Pinhole(640, 480, 500),
-                                       Pinhole(640, 480, 490)};
+  const std::vector<Camera> queries = {CenteredPinhole(640, 480, 400),
+                                       CenteredPinhole(640, 480, 500),
+                                       CenteredPinhole(640, 480, 490)};
   const Camera camera = CameraLikeQueries(queries, {}, {});
   EXPECT_NEAR(camera.focal_x_px(), 490, 1);
   EXPECT_NEAR(FovDeg(camera), FovDeg(queries[2]), 1e-9);
@@ -51,9 +47,9 @@ TEST(CameraLikeQueries, IsAsSharpAndAsWideAsThem) {
 }
 
 TEST(CameraLikeQueries, IsNeitherNarrowNorHuge) {
-  const std::vector<Camera> tele = {Pinhole(640, 480, 2000)};
+  const std::vector<Camera> tele = {CenteredPinhole(640, 480, 2000)};
   EXPECT_NEAR(FovDeg(CameraLikeQueries(tele, {}, {})), 60, 1e-9);
-  const std::vector<Camera> large = {Pinhole(6000, 4000, 4000)};
+  const std::vector<Camera> large = {CenteredPinhole(6000, 4000, 4000)};
   const Camera camera = CameraLikeQueries(large, {}, {});
   EXPECT_NEAR(camera.width_px(), 1600, 1);
   EXPECT_NEAR(camera.focal_x_px(), 4000 * 1600 / 6000., 1);
@@ -63,7 +59,7 @@ TEST(CameraLikeQueries, IsNeitherNarrowNorHuge) {
 }
 
 TEST(CameraLikeQueries, TakesWhatIsGiven) {
-  const std::vector<Camera> queries = {Pinhole(640, 480, 400)};
+  const std::vector<Camera> queries = {CenteredPinhole(640, 480, 400)};
   const Camera camera = CameraLikeQueries(queries, PlaneSize{320, 200}, 50.0);
   EXPECT_EQ(camera.width_px(), 320);
   EXPECT_EQ(camera.height_px(), 200);

@@ -1,4 +1,5 @@
 #include "support/matchers.h"
+#include "support/meshes.h"
 #include "support/test_data.h"
 #include <gtest/gtest.h>
 
@@ -8,17 +9,12 @@
 namespace raylift {
 namespace {
 
-Camera SmallPinhole() {
-  const double params[] = {50, 50, 32, 24};
-  return {CameraModel::kPinhole, 64, 48, params};
-}
-
 TEST(SampledModel, HoldsThePosesInBothForms) {
   Rng rng = TestRng();
   const std::vector<Rigid3> poses = {RandomRigid3(rng, 5), RandomRigid3(rng, 5)};
   const auto folder = TestFolder();
   for (const ColmapForm form : {ColmapForm::kText, ColmapForm::kBinary}) {
-    WriteColmapModel(folder, MakeSampledModel(SmallPinhole(), poses, 1), form);
+    WriteColmapModel(folder, MakeSampledModel(CenteredPinhole(64, 48, 50), poses, 1), form);
     const ColmapModel read = ReadColmapModel(folder, form);
     EXPECT_TRUE(read.warnings.empty());
     EXPECT_TRUE(read.frames.empty());
@@ -34,7 +30,8 @@ TEST(SampledModel, RigsLookAllAroundFromOnePlaceAndAgreeWithTheirFrames) {
   const Rigid3 ahead = LookAlong(center, {1, 0, 0}, {0, 0, 1});
   const auto folder = TestFolder();
   for (const ColmapForm form : {ColmapForm::kText, ColmapForm::kBinary}) {
-    WriteColmapModel(folder, MakeSampledModel(SmallPinhole(), std::vector{ahead}, 4), form);
+    WriteColmapModel(folder, MakeSampledModel(CenteredPinhole(64, 48, 50), std::vector{ahead}, 4),
+                     form);
     const ColmapModel read = ReadColmapModel(folder, form);
     EXPECT_TRUE(read.warnings.empty());  // the poses of images and of frames are the same
     EXPECT_EQ(read.rigs.size(), 1u);

@@ -27,14 +27,9 @@ Vector3d WallColor(double x, double y) {
 
 TriangleMesh Wall() { return MakePlane(Rigid3(), 2, 40); }
 
-Camera ColoringPinhole() {
-  const double params[] = {300, 300, 160, 120};
-  return {CameraModel::kPinhole, 320, 240, params};
-}
-
 // At `center`, looking along +z.
 PosedImage View(const std::string& name, const Vector3d& center) {
-  return {name, ColoringPinhole(), Rigid3{Eigen::Quaterniond::Identity(), -center}};
+  return {name, CenteredPinhole(320, 240, 300), Rigid3{Eigen::Quaterniond::Identity(), -center}};
 }
 
 // What the camera sees of the wall, times `factor`; `nearer` gives the color of what hides it.
@@ -153,7 +148,7 @@ TEST(VertexColoring, APhotographOfAnotherSizeIsNamed) {
   const TriangleMesh wall = Wall();
   PosedImage view = View("a.png", {0, 0, -3});
   Paint(folder, view, Vector3d::Ones());
-  view.camera = ColoringPinhole().Scaled(640, 480);
+  view.camera = CenteredPinhole(320, 240, 300).Scaled(640, 480);
   EXPECT_THROW(ColorVertices(wall, CasterOf(wall), std::vector{view}, folder), std::runtime_error);
 }
 

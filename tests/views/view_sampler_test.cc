@@ -14,12 +14,7 @@
 namespace raylift {
 namespace {
 
-const Eigen::Vector3d kGeoreferenced(4e5, 5e6, 300);
-
-Camera SamplerPinhole() {
-  const double params[] = {300, 300, 320, 240};
-  return {CameraModel::kPinhole, 640, 480, params};
-}
+const Camera kSamplerCamera = CenteredPinhole(640, 480, 300);
 
 TriangleMesh InsideOut(TriangleMesh mesh) {
   for (auto& triangle : mesh.triangles) std::swap(triangle[1], triangle[2]);
@@ -76,7 +71,7 @@ void ExpectClear(const RayCaster& mesh, const Rigid3& pose, double clearance, do
 
 TEST(SampleInside, CamerasStandOnTheFloorClearOfEverything) {
   const RayCaster mesh = Scene(MakeRooms(kGeoreferenced));
-  const ViewSamplerOptions options{.camera = SamplerPinhole(), .count = 40};
+  const ViewSamplerOptions options{.camera = kSamplerCamera, .count = 40};
   const SampledViews views = SampleInside(mesh, options, {});
   EXPECT_TRUE(views.warnings.empty());
   ASSERT_EQ(views.cam_from_world.size(), 40u);
@@ -93,7 +88,7 @@ TEST(SampleInside, CamerasStandOnTheFloorClearOfEverything) {
 
 TEST(SampleInside, ManyViewsOfFewPlacesAndTheSameForTheSameSeed) {
   const RayCaster mesh = Scene(InsideOut(MakeBox({0, 0, 1}, {0.5, 0.5, 1})));
-  ViewSamplerOptions options{.camera = SamplerPinhole(), .count = 60, .clearance = 0.2};
+  ViewSamplerOptions options{.camera = kSamplerCamera, .count = 60, .clearance = 0.2};
   const InsideOptions inside{.eye_height = 1};
   const SampledViews views = SampleInside(mesh, options, inside);
   ASSERT_EQ(views.cam_from_world.size(), 60u);
@@ -122,7 +117,7 @@ TEST(SampleInside, TakesAnyDirectionAsUp) {
   EXPECT_LT((level - up).norm(), 1e-5);
   const RayCaster caster = Scene(std::move(mesh));
   const SampledViews views =
-      SampleInside(caster, {.camera = SamplerPinhole(), .count = 10, .up_in_world = level}, {});
+      SampleInside(caster, {.camera = kSamplerCamera, .count = 10, .up_in_world = level}, {});
   ASSERT_EQ(views.cam_from_world.size(), 10u);
   for (const Rigid3& pose : views.cam_from_world) {
     EXPECT_NEAR(up.dot(pose.OriginInSource()), 1.6, 1e-4);
@@ -132,9 +127,9 @@ TEST(SampleInside, TakesAnyDirectionAsUp) {
 
 TEST(SampleInside, SaysWhereThereIsNoPlace) {
   const RayCaster mesh = Scene(InsideOut(MakeBox({0, 0, 0.5}, {5, 5, 0.5})));  // too low
-  EXPECT_TRUE(FailsWithInputError([&] { SampleInside(mesh, {.camera = SamplerPinhole()}, {}); },
+  EXPECT_TRUE(FailsWithInputError([&] { SampleInside(mesh, {.camera = kSamplerCamera}, {}); },
                                   {"no place for a camera", "the eye height"}));
-  EXPECT_FALSE(TrySampleInside(mesh, {.camera = SamplerPinhole()}, {}));
+  EXPECT_FALSE(TrySampleInside(mesh, {.camera = kSamplerCamera}, {}));
 }
 
 TEST(SampleInside, CamerasOfARealRoomAreClearOfItsWalls) {
@@ -145,8 +140,7 @@ TEST(SampleInside, CamerasOfARealRoomAreClearOfItsWalls) {
   const RayCaster caster = Scene(std::move(mesh));
   const InsideOptions inside{.eye_height = 0.8};
   const SampledViews views = SampleInside(
-      caster, {.camera = SamplerPinhole(), .count = 20, .up_in_world = up, .clearance = 0.2},
-      inside);
+      caster, {.camera = kSamplerCamera, .count = 20, .up_in_world = up, .clearance = 0.2}, inside);
   ASSERT_EQ(views.cam_from_world.size(), 20u);
   for (const Rigid3& pose : views.cam_from_world) {
     ExpectClear(caster, pose, 0.2, 0.15);  // rims of holes show their backs
@@ -156,7 +150,7 @@ TEST(SampleInside, CamerasOfARealRoomAreClearOfItsWalls) {
 TEST(SampleAround, TheWholeMeshIsInEveryPicture) {
   const TriangleMesh sphere = MakeSphere(kGeoreferenced, 2, 20, 40);
   const RayCaster mesh = Scene(sphere);
-  const Camera camera = SamplerPinhole();
+  const Camera camera = kSamplerCamera;
   for (const double low : {-30.0, 40.0}) {  // a belt and a ring
     const SampledViews views = SampleAround(mesh, {.camera = camera, .count = 25},
                                             {.min_elevation_deg = low, .max_elevation_deg = 40});
@@ -176,7 +170,7 @@ TEST(SampleAround, TheWholeMeshIsInEveryPicture) {
 
 TEST(SampleAlong, LooksAlongTheLineAndLeavesOutWhatIsInWalls) {
   const RayCaster mesh = Scene(MakeRooms({0, 0, 0}));
-  const ViewSamplerOptions options{.camera = SamplerPinhole(), .count = 21};
+  const ViewSamplerOptions options{.camera = kSamplerCamera, .count = 21};
   // Through the pillar, whose faces are at x = 1.6 and 2.4.
   const std::vector<Eigen::Vector3d> line = {{-4, 1, 1.6}, {4, 1, 1.6}, {4, -3, 1.6}};
   const SampledViews views = SampleAlong(mesh, options, line);
