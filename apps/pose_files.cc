@@ -3,11 +3,11 @@
 #include <algorithm>
 #include <map>
 
-#include "base/name_order.h"
 #include "io/scene/named_poses.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/text.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/query_list.h"
 #include "raylift/io/scene_file.h"

@@ -17,7 +17,6 @@
 
 #include "base/hash.h"
 #include "base/input_paths.h"
-#include "base/sync_errors.h"
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <linux/magic.h>

@@ -1,8 +1,12 @@
 #include "raylift/base/text.h"
 
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -204,6 +208,87 @@ std::string Printable(std::string text) {
     if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = '?';
   }
   return text;
+}
+
+namespace {
+
+constexpr std::string_view kBase64Digits =
+    "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+
+}  // namespace
+
+std::string EncodeBase64(std::string_view bytes) {
+  std::string text;
+  text.reserve((bytes.size() + 2) / 3 * 4);
+  for (size_t i = 0; i < bytes.size(); i += 3) {
+    uint32_t group = 0;
+    for (size_t k = 0; k < 3; ++k) {
+      group = group << 8 | (i + k < bytes.size() ? static_cast<uint8_t>(bytes[i + k]) : 0U);
+    }
+    for (size_t k = 0; k < 4; ++k) {
+      text += i + k <= bytes.size() ? kBase64Digits[group >> (18 - 6 * k) & 63] : '=';
+    }
+  }
+  return text;
+}
+
+std::string DecodeBase64(std::string_view text) {
+  static const std::array<int8_t, 256> values = [&] {
+    std::array<int8_t, 256> table;
+    table.fill(-1);
+    for (size_t i = 0; i < kBase64Digits.size(); ++i) {
+      table[static_cast<unsigned char>(kBase64Digits[i])] = static_cast<int8_t>(i);
+    }
+    return table;
+  }();
+  for (int i = 0; i < 2 && text.ends_with('='); ++i) text.remove_suffix(1);
+  if (text.size() % 4 == 1) throw InputError("expected base64, found a text of another length");
+  std::string bytes;
+  bytes.reserve(text.size() / 4 * 3 + 2);
+  uint32_t bits = 0;
+  int num_bits = 0;
+  for (const char c : text) {
+    const int8_t value = values[static_cast<unsigned char>(c)];
+    if (value < 0) throw InputError("expected base64, found another character");
+    bits = bits << 6 | static_cast<uint32_t>(value);
+    num_bits += 6;
+    if (num_bits >= 8) {
+      num_bits -= 8;
+      bytes += static_cast<char>(bits >> num_bits & 0xFF);
+    }
+  }
+  return bytes;
+}
+
+namespace {
+
+// The name with numbers of one length.
+std::string OrderKey(std::string_view name) {
+  constexpr size_t kLengthOfNumber = 20;
+  constexpr std::string_view kAllDigits = "0123456789";
+  std::string key;
+  while (!name.empty()) {
+    std::string_view digits = name.substr(0, name.find_first_not_of(kAllDigits));
+    name.remove_prefix(digits.size());
+    digits.remove_prefix(std::min(digits.find_first_not_of('0'), digits.size()));
+    if (digits.size() < kLengthOfNumber) key.append(kLengthOfNumber - digits.size(), '0');
+    key += digits;
+    const std::string_view text = name.substr(0, name.find_first_of(kAllDigits));
+    key += text;
+    name.remove_prefix(text.size());
+  }
+  return key;
+}
+
+}  // namespace
+
+std::map<std::string, double> PlacesByNumbers(std::span<const std::string> names) {
+  std::vector<std::pair<std::string, std::string>> sorted;
+  for (const std::string& name : names) sorted.emplace_back(OrderKey(name), name);
+  std::sort(sorted.begin(), sorted.end());
+  std::map<std::string, double> places;
+  for (const auto& [key, name] : sorted) places.emplace(name, static_cast<double>(places.size()));
+  return places;
 }
 
 }  // namespace raylift

@@ -10,7 +10,6 @@
 #include <utility>
 
 #include "base/json_text.h"
-#include "base/sync_errors.h"
 #include "jobs/file_promises.h"
 #include <fcntl.h>
 #include <fmt/format.h>

@@ -3,7 +3,6 @@
 #include <cmath>
 #include <cstdint>
 
-#include "base/base64.h"
 #include "features/cv_image.h"
 #include "pictures/picture_codec.h"
 #include "report/page.h"
@@ -11,6 +10,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "raylift/base/error.h"
+#include "raylift/base/text.h"
 #include "raylift/io/image_file.h"
 
 namespace raylift {

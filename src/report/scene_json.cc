@@ -3,10 +3,11 @@
 #include <algorithm>
 #include <cmath>
 
-#include "base/base64.h"
 #include "lifting/source_view.h"
 #include "report/page.h"
 #include "surfaces/resampled_mesh.h"
+
+#include "raylift/base/text.h"
 
 namespace raylift {
 namespace {

@@ -7,7 +7,6 @@
 #include <string_view>
 #include <utility>
 
-#include "base/name_order.h"
 #include "base/statistics.h"
 #include "io/scene/trajectory_file.h"
 #include "sequences/odometry_file.h"

@@ -6,7 +6,6 @@
 #include <numbers>
 #include <utility>
 
-#include "base/base64.h"
 #include "base/json_text.h"
 #include "io/text/json_document.h"
 #include "service/problem.h"

@@ -6,7 +6,6 @@
 #include <sstream>
 #include <utility>
 
-#include "base/base64.h"
 #include "io/text/json_document.h"
 #include "localization/matching/pixel_matches.h"
 #include "pictures/exif.h"
@@ -17,6 +16,7 @@
 
 #include "raylift/base/enum_names.h"
 #include "raylift/base/error.h"
+#include "raylift/base/text.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/pose_priors.h"
 #include "raylift/io/query_list.h"

@@ -7,7 +7,6 @@
 #include <span>
 
 #include "base/json_text.h"
-#include "base/lost_file.h"
 #include "localization/results/result_json.h"
 #include "service/documents.h"
 #include "service/geopose.h"

@@ -7,7 +7,6 @@
 #include <utility>
 #include <vector>
 
-#include "base/base64.h"
 #include "service/localize_request.h"
 #include "service/problem.h"
 #include <fmt/format.h>
@@ -18,6 +17,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/base/text.h"
 
 namespace raylift {
 namespace {

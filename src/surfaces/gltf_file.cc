@@ -8,11 +8,11 @@
 #include <limits>
 #include <utility>
 
-#include "base/base64.h"
 #include "base/input_paths.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/text.h"
 
 namespace raylift {
 namespace {

@@ -3,7 +3,6 @@
 #include <cmath>
 #include <vector>
 
-#include "base/base64.h"
 #include "support/matchers.h"
 #include <gtest/gtest.h>
 

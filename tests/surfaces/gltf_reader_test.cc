@@ -5,7 +5,6 @@
 #include <cstring>
 #include <numbers>
 
-#include "base/base64.h"
 #include "mesh_files.h"
 #include "support/matchers.h"
 #include "support/test_data.h"
@@ -20,6 +19,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/base/text.h"
 #include "raylift/surfaces/mesh_files.h"
 
 namespace raylift {

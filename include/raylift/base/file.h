@@ -55,6 +55,11 @@ class AtomicFile {
 // naming one that cannot be.
 void SyncFiles(std::span<const std::filesystem::path> files);
 
+// Returns whether, after this errno, there is nothing that could be synced: file systems of
+// networks may have no such call for folders, a folder may be one to write to and not to read, and
+// whoever promises a file that is gone finds that out.
+bool CannotSyncHere(int error);
+
 // Keeps the names of the files that this thread commits while it is the last one that was made.
 class CommittedFiles {
  public:

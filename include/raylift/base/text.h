@@ -1,9 +1,11 @@
-// Plain text files of numbers and names, read strictly: a wrong token is an error with its line.
+// Plain text files of numbers and names, read strictly: a wrong token is an error with its line; and
+// what else is done with names, numbers and tables as text.
 
 #pragma once
 
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <optional>
 #include <span>
 #include <string>
@@ -80,5 +82,14 @@ std::string CsvLine(const TableRow& fields);
 
 // Control characters, which would break the lines of a table, become question marks.
 std::string Printable(std::string text);
+
+// Bytes as text of 64 letters (RFC 4648).
+std::string EncodeBase64(std::string_view bytes);
+// Throws InputError where the text is none. The padding may be left out.
+std::string DecodeBase64(std::string_view text);
+
+// Returns each name's place, from 0, in the order of the numbers in the names: img_2 is before
+// img_10.
+std::map<std::string, double> PlacesByNumbers(std::span<const std::string> names);
 
 }  // namespace raylift

@@ -10,7 +10,6 @@
 #include <utility>
 
 #include "base/hash.h"
-#include "base/lost_file.h"
 #include "base/progress.h"
 #include "jobs/manifest_file.h"
 #include <fmt/format.h>

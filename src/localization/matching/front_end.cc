@@ -8,7 +8,6 @@
 #include <string>
 #include <utility>
 
-#include "base/lost_file.h"
 #include "localization/matching/feature_store.h"
 #include "localization/matching/file_matches.h"
 #include "localization/matching/pixel_matches.h"
