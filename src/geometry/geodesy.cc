@@ -12,7 +12,6 @@
 #include <vector>
 
 #include "base/constants.h"
-#include "geometry/axis_order.h"
 #include <Eigen/SVD>
 #include <dlfcn.h>
 #include <fmt/format.h>

@@ -7,7 +7,6 @@
 #include <string_view>
 #include <utility>
 
-#include "geometry/axis_order.h"
 #include "surfaces/input_files.h"
 #include <fmt/format.h>
 

@@ -15,7 +15,6 @@
 
 #include <Eigen/Core>
 
-#include "raylift/geometry/camera_models.h"
 #include "raylift/geometry/lens.h"
 
 namespace raylift {

@@ -53,6 +53,10 @@ class Crs {
   std::shared_ptr<const Geographic> geographic_;
 };
 
+// Returns whether the authority has northings before eastings, which coordinates as drawn on a map
+// do not follow.
+bool NorthingsComeFirst(const Crs& crs);
+
 // The frame of a scene: a system, and the point of it that is the world's origin.
 struct WorldFrame {
   std::string text;  // that it was parsed from, in one line

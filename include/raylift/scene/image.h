@@ -8,6 +8,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "raylift/base/error.h"
+
 namespace raylift {
 
 struct PlaneSize {
@@ -35,7 +37,18 @@ struct Image {
 
 // Returns the luma of an RGB picture by ITU-R BT.601, as decoders make gray of color; a gray
 // picture as it is.
-Image ToGray(const Image& image);
+inline Image ToGray(const Image& image) {
+  if (image.channels == 1) return image;
+  RAYLIFT_CHECK_EQ(image.channels, 3);
+  Image gray{image.width_px, image.height_px, 1, {}};
+  gray.data.resize(static_cast<size_t>(image.width_px) * static_cast<size_t>(image.height_px));
+  for (size_t i = 0; i < gray.data.size(); ++i) {
+    const uint8_t* color = image.data.data() + 3 * i;
+    gray.data[i] =
+        static_cast<uint8_t>((299 * color[0] + 587 * color[1] + 114 * color[2] + 500) / 1000);
+  }
+  return gray;
+}
 
 // z along the optical axis (never the length of the ray, but in a panorama, which has no axis),
 // row-major, in scene units; 0 = no surface.
