@@ -22,7 +22,6 @@
 #include "base/progress.h"
 #include "comparison/comparison_tables.h"
 #include "estimation/fields.h"
-#include "io/scene/named_poses.h"
 #include "lifting/fields.h"
 #include "localization/calibration_images.h"
 #include <fmt/format.h>

@@ -10,7 +10,6 @@
 #include "apps/pose_files.h"
 #include "comparison/image_errors.h"
 #include "evaluation/submission.h"
-#include "io/scene/named_poses.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"

@@ -4,7 +4,6 @@
 #include <optional>
 #include <system_error>
 
-#include "io/scene/named_poses.h"
 #include "jobs/manifest_file.h"
 #include "lifting/alignment_text.h"
 #include "localization/results/exports.h"
@@ -15,6 +14,7 @@
 #include "raylift/base/file.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/pose_problem_json.h"
+#include "raylift/io/query_list.h"
 #include "raylift/localization/scene_calibration.h"
 
 namespace raylift {

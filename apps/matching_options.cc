@@ -2,12 +2,12 @@
 
 #include <algorithm>
 
-#include "io/scene/named_poses.h"
 #include "lifting/mesh_spec.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
+#include "raylift/io/query_list.h"
 
 namespace raylift {
 namespace {

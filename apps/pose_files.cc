@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <map>
 
-#include "io/scene/named_poses.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"

@@ -3,7 +3,6 @@
 #include "estimation/fields.h"
 #include "evaluation/fields.h"
 #include "experiment/experiment_layouts.h"
-#include "io/scene/spec_paths.h"
 #include "io/text/toml_file.h"
 #include "lifting/fields.h"
 #include <fmt/format.h>

@@ -4,7 +4,6 @@
 #include <limits>
 #include <map>
 
-#include "io/scene/named_poses.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"

@@ -8,7 +8,6 @@
 
 #include "datasets/importers.h"
 #include "datasets/kapture.h"
-#include "io/scene/named_poses.h"
 #include "io/text/json_document.h"
 #include "io/text/line_tokens.h"
 #include <Eigen/Core>
@@ -17,6 +16,7 @@
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
 #include "raylift/datasets/dataset.h"
+#include "raylift/io/query_list.h"
 
 namespace raylift {
 namespace {

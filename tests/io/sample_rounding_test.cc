@@ -1,7 +1,5 @@
 // Rounding to 16 bits, against Eigen's float16 and against arithmetic in double.
 
-#include "io/depth/sample_rounding.h"
-
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -9,6 +7,7 @@
 #include <limits>
 #include <vector>
 
+#include "io/depth/depth_formats.h"
 #include "support/matchers.h"
 #include <Eigen/Core>
 #include <gmock/gmock.h>

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <filesystem>
+#include <map>
 #include <optional>
 #include <span>
 #include <string>
@@ -55,6 +56,12 @@ struct NamedPose {
 std::vector<NamedPose> ReadPoseFile(const std::filesystem::path& path);
 // Numbers in their shortest form that reads back as the same double.
 void WritePoseFile(const std::filesystem::path& path, const std::vector<NamedPose>& poses);
+
+// Reads a pose file as poses by the names of their images. Throws InputError where a name stands
+// twice.
+std::map<std::string, Rigid3> ReadNamedPoses(const std::filesystem::path& file);
+// The same from a COLMAP model's folder or a pose file.
+std::map<std::string, Rigid3> ReadModelOrPoses(const std::filesystem::path& model_or_file);
 
 // Gives each query that was taken by a rig its frame and its pose in the rig. The file is COLMAP's
 // rig configuration (rig_config.json of its rig_configurator), a list of rigs

@@ -24,6 +24,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <string>
 #include <utility>
@@ -70,5 +71,12 @@ void WriteTimes(const std::filesystem::path& file, const std::map<std::string, d
 std::map<std::string, std::string> ReadGroups(const std::filesystem::path& file);
 void WriteGroups(const std::filesystem::path& file,
                  const std::map<std::string, std::string>& groups);
+
+// Returns the specification with each path moved: those after the kind, and of the keys that name a
+// file (an orthophoto, a list of names, a transform). Other keys hold patterns within a folder, or
+// no paths; other forms stay as they are.
+std::string MapSpecPaths(
+    const std::string& spec,
+    const std::function<std::filesystem::path(const std::filesystem::path&)>& move);
 
 }  // namespace raylift

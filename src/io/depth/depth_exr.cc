@@ -11,7 +11,6 @@
 #include "base/input_paths.h"
 #include "base/read_limits.h"
 #include "io/depth/depth_formats.h"
-#include "io/depth/sample_rounding.h"
 #include <ImathBox.h>
 #include <OpenEXR/ImfChannelList.h>
 #include <OpenEXR/ImfFrameBuffer.h>

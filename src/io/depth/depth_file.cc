@@ -13,7 +13,6 @@
 #include "io/binary/npy_array.h"
 #include "io/binary/zip_archive.h"
 #include "io/depth/depth_formats.h"
-#include "io/depth/sample_rounding.h"
 #include "pictures/codecs.h"
 #include <fmt/format.h>
 

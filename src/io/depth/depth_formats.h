@@ -2,6 +2,7 @@
 
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <span>
@@ -64,5 +65,21 @@ StoredDepth DecodePfm(const std::filesystem::path& path, std::string_view bytes)
 std::string EncodePfm(const FloatPlane& plane);
 
 StoredDepth DecodeRaw(const std::filesystem::path& path, std::string_view bytes, PlaneSize size);
+
+// Floats as formats of 16 bits hold them, float16 and whole steps, by plain loops over lanes that
+// are compiled for several instruction sets; all give the same bits (sample_rounding.cc).
+
+inline constexpr float kMaxHalf = 65504;
+
+// The bits of the nearest float16 of each value, ties to even. Infinite and NaN stay what they are;
+// finite values beyond kMaxHalf, which float16 cannot hold, become 0 and are counted as dropped, as
+// are those that round to 0. Returns how many were beyond.
+size_t RoundToHalf(std::span<const float> values, std::span<uint16_t> halves,
+                   DepthWriteReport& report);
+
+// The nearest whole number of steps, halves upwards. What is not in 0 .. 65535 steps becomes 0 and
+// is counted as dropped, as are values that round to 0. Returns how many were beyond. `step` > 0.
+size_t RoundToSteps(std::span<const float> values, double step, std::span<uint16_t> counts,
+                    DepthWriteReport& report);
 
 }  // namespace raylift

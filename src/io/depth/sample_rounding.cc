@@ -1,10 +1,9 @@
-#include "io/depth/sample_rounding.h"
-
 #include <algorithm>
 #include <bit>
 #include <cmath>
 
 #include "base/instruction_sets.h"
+#include "io/depth/depth_formats.h"
 
 #include "raylift/base/error.h"
 

@@ -354,4 +354,23 @@ void TakeRigs(const path& file_or_model, std::span<Query> queries) {
   }
 }
 
+std::map<std::string, Rigid3> ReadNamedPoses(const std::filesystem::path& file) {
+  std::map<std::string, Rigid3> poses;
+  for (const NamedPose& pose : ReadPoseFile(file)) {
+    if (!poses.emplace(pose.name, pose.cam_from_world).second) {
+      throw InputError(file, fmt::format("the name {} stands twice", pose.name));
+    }
+  }
+  return poses;
+}
+
+std::map<std::string, Rigid3> ReadModelOrPoses(const std::filesystem::path& model_or_file) {
+  if (!std::filesystem::is_directory(model_or_file)) return ReadNamedPoses(model_or_file);
+  std::map<std::string, Rigid3> poses;
+  for (const PosedImage& image : ReadColmapModel(model_or_file).PosedImages()) {
+    poses.emplace(image.name, image.cam_from_world);
+  }
+  return poses;
+}
+
 }  // namespace raylift
