@@ -6,6 +6,7 @@
 #include <functional>
 #include <map>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -14,8 +15,12 @@
 #include "raylift/base/text.h"
 #include "raylift/datasets/dataset.h"
 #include "raylift/geometry/camera.h"
+#include "raylift/geometry/rigid3.h"
+#include "raylift/scene/image.h"
 
 namespace raylift {
+
+class JsonPlace;
 
 using ImportedScenes = std::vector<ImportedScene>;
 
@@ -106,5 +111,34 @@ Camera ReadColorCamera(const std::filesystem::path& info);
 // A PINHOLE whose center is counted from the center of the first pixel, as SensReader does
 // (sensorData.h projects to whole pixels): half a pixel more here.
 Camera CameraOfSensor(int width_px, int height_px, double fx, double fy, double cx, double cy);
+
+// The sensors, records and trajectories of a kapture data set (format 1.x): CSV files below
+// `sensors`; and those of a capture (github.com/microsoft/lamar-benchmark, CAPTURE.md), which have
+// other names, no header, and all poses the other way round.
+
+struct KaptureImage {
+  std::string name;  // below sensors/records_data
+  uint64_t timestamp = 0;
+  std::optional<Camera> camera;          // none: its model is unknown
+  std::optional<Rigid3> cam_from_world;  // none: not in the trajectories, or only a part of it
+};
+
+// All records of cameras, by name. Poses of rigs are composed with the sensors' places in them.
+// `folder` holds the folder `sensors`. Throws InputError naming file and line for anything else.
+std::vector<KaptureImage> ReadKapture(const std::filesystem::path& folder);
+
+// The same of a session of a capture, whose names are below `session`/raw_data. With a file of
+// lines "timestamp, sensor or rig" those images alone.
+std::vector<KaptureImage> ReadCaptureSession(const std::filesystem::path& session,
+                                             const std::filesystem::path& keys = {});
+
+// Returns when images were taken, by name, in seconds.
+std::map<std::string, double> TimesOf(std::span<const KaptureImage> images);
+
+// The camera of a frame of transforms.json, `root` being the whole file. `size_of_photograph` is
+// asked where neither says it. Throws InputError naming frame and member where it cannot be one of
+// COLMAP's.
+Camera CameraOfTransforms(const JsonPlace& frame, const JsonPlace& root,
+                          const std::function<PlaneSize()>& size_of_photograph);
 
 }  // namespace raylift

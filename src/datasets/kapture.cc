@@ -1,4 +1,3 @@
-#include "datasets/kapture.h"
 
 #include <algorithm>
 #include <array>
@@ -224,38 +223,37 @@ std::map<std::string, double> TimesOf(std::span<const KaptureImage> images) {
 
 namespace {
 
-void TakeReferences(const path& folder, const ImportOptions& options, Skipped& skipped,
-                    ImportedScene& scene) {
-  const auto images = ReadKapture(folder);
+// Adds the images whose cameras and poses are known.
+void AddReferences(std::span<const KaptureImage> images, Skipped& skipped, ImportedScene& scene) {
   for (const KaptureImage& image : images) {
-    const auto camera = options.camera ? options.camera : image.camera;
-    if (!camera) {
+    if (!image.camera) {
       skipped.Add("the model of its camera is unknown", image.name);
     } else if (!image.cam_from_world) {
       skipped.Add("it has no pose", image.name);
     } else {
-      scene.references.push_back({image.name, *camera, *image.cam_from_world});
+      scene.references.push_back({image.name, *image.camera, *image.cam_from_world});
     }
   }
-  scene.times.merge(TimesOf(images));
 }
 
-void TakeQueries(const path& folder, const ImportOptions& options, Skipped& skipped,
-                 ImportedScene& scene) {
-  const auto images = ReadKapture(folder);
+// Adds the images whose cameras are known, with the poses that are.
+void AddQueries(std::span<const KaptureImage> images, Skipped& skipped, ImportedScene& scene) {
   for (const KaptureImage& image : images) {
-    const auto camera = options.camera ? options.camera : image.camera;
-    if (!camera) {
+    if (!image.camera) {
       skipped.Add("the model of its camera is unknown", image.name);
       continue;
     }
-    scene.queries.push_back({image.name, *camera});
+    scene.queries.push_back({image.name, *image.camera});
     if (image.cam_from_world) {
       scene.ground_truth.push_back({image.name, *image.cam_from_world});
     }
   }
-  scene.times.merge(TimesOf(images));
-  NotePublicPoses(scene);
+}
+
+// Takes the camera that replaces all others, where one is given.
+void TakeGivenCamera(const ImportOptions& options, std::vector<KaptureImage>& images) {
+  if (!options.camera) return;
+  for (KaptureImage& image : images) image.camera = options.camera;
 }
 
 }  // namespace
@@ -273,8 +271,13 @@ ImportedScenes ImportGangnam(const path& folder, const ImportOptions& options) {
   scene.images = mapping / "sensors" / "records_data";
   scene.query_images = queries / "sensors" / "records_data";
   Skipped skipped;
-  TakeReferences(mapping, options, skipped, scene);
-  TakeQueries(queries, options, skipped, scene);
+  for (const auto& [part, add] : {std::pair(mapping, &AddReferences), {queries, &AddQueries}}) {
+    std::vector<KaptureImage> images = ReadKapture(part);
+    TakeGivenCamera(options, images);
+    add(images, skipped, scene);
+    scene.times.merge(TimesOf(images));
+  }
+  NotePublicPoses(scene);
   skipped.AddWarnings(scene.warnings);
   RequireImages(folder, scene);
   scene.thresholds = "gangnam";
@@ -315,29 +318,28 @@ std::vector<KaptureImage> ReadSession(const path& sessions, const std::string& s
                                       const path& keys, const ImportOptions& options,
                                       Skipped& skipped) {
   std::vector<KaptureImage> images;
-  for (KaptureImage& image : ReadCaptureSession(sessions / session, keys)) {
+  std::vector<KaptureImage> read = ReadCaptureSession(sessions / session, keys);
+  TakeGivenCamera(options, read);
+  for (KaptureImage& image : read) {
     image.name = NameBelowSessions(session, image);
-    if (options.camera) image.camera = options.camera;
     if (!image.camera) {
       skipped.Add("the model of its camera is unknown", image.name);
-    } else if (!Exists(sessions / image.name)) {
-      skipped.Add("the photograph is missing", image.name);
-    } else {
+    } else if (skipped.HasPhotograph(sessions, image.name)) {
       images.push_back(std::move(image));
     }
   }
   return images;
 }
 
+void TakeTime(const KaptureImage& image, ImportedScene& scene) {
+  scene.times.emplace(image.name, kSecondsPerTick * static_cast<double>(image.timestamp));
+}
+
 void TakeReferences(const std::vector<KaptureImage>& images, ImportedScene& scene) {
   Skipped skipped;
+  AddReferences(images, skipped, scene);
   for (const KaptureImage& image : images) {
-    if (!image.cam_from_world) {
-      skipped.Add("it has no pose", image.name);
-      continue;
-    }
-    scene.references.push_back({image.name, *image.camera, *image.cam_from_world});
-    scene.times.emplace(image.name, kSecondsPerTick * static_cast<double>(image.timestamp));
+    if (image.cam_from_world) TakeTime(image, scene);
   }
   skipped.AddWarnings(scene.warnings);
 }
@@ -350,13 +352,9 @@ void TakeQueries(const path& sessions, const std::string& session, const ImportO
     if (keys.empty() && Exists(file)) keys = file;
   }
   Skipped skipped;
-  for (const KaptureImage& image : ReadSession(sessions, session, keys, options, skipped)) {
-    scene.queries.push_back({image.name, *image.camera});
-    scene.times.emplace(image.name, kSecondsPerTick * static_cast<double>(image.timestamp));
-    if (image.cam_from_world) {
-      scene.ground_truth.push_back({image.name, *image.cam_from_world});
-    }
-  }
+  const auto images = ReadSession(sessions, session, keys, options, skipped);
+  AddQueries(images, skipped, scene);
+  for (const KaptureImage& image : images) TakeTime(image, scene);
   skipped.AddWarnings(scene.warnings);
   scene.notes.push_back(keys.empty() ? "all images of the session are queries"
                                      : "the queries are those of " + keys.string());

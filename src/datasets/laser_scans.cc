@@ -133,11 +133,7 @@ std::optional<Calibrated> ReadCalibrated(const path& folder, std::string_view na
                                          const ImportOptions& options) {
   Calibrated calibrated{.model = folder / name, .frames = {}, .skipped = {}};
   if (!DetectColmapForm(calibrated.model)) return std::nullopt;
-  for (PosedImage& image : ReadColmapModel(calibrated.model).PosedImages()) {
-    if (!calibrated.skipped.HasPhotograph(folder / "images", image.name)) continue;
-    if (options.camera) image.camera = *options.camera;
-    calibrated.frames.push_back(std::move(image));
-  }
+  calibrated.frames = ReadFrames(calibrated.model, folder / "images", options, calibrated.skipped);
   return calibrated;
 }
 

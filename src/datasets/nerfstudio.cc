@@ -7,7 +7,6 @@
 #include <set>
 
 #include "datasets/importers.h"
-#include "datasets/transforms_lens.h"
 #include "io/text/json_document.h"
 #include <fmt/format.h>
 
@@ -240,9 +239,8 @@ class NerfstudioReader {
 
   Camera ReadCamera(const JsonPlace& frame, const std::string& name) const {
     if (options_.camera) return *options_.camera;
-    const TransformsLens lens(frame, root_);
-    return lens.MakeCamera(
-        lens.SaysSize() ? std::nullopt : std::optional(ReadImageSize(photographs_.root() / name)));
+    return CameraOfTransforms(frame, root_,
+                              [&] { return ReadImageSize(photographs_.root() / name); });
   }
 
   path file_, folder_;

@@ -1,10 +1,14 @@
-#include "datasets/transforms_lens.h"
+// The cameras of transforms.json, of which two tools have dialects: nerfstudio
+// (nerfstudio/cameras/camera_utils.py: camera_model, distortion_params) and instant-ngp
+// (src/nerf_loader.cu, read_lens: is_fisheye, x_fov).
 
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 
 #include "base/read_limits.h"
+#include "datasets/importers.h"
+#include "io/text/json_document.h"
 #include <Eigen/QR>
 #include <fmt/format.h>
 
@@ -112,7 +116,27 @@ Camera MakePanorama(const Intrinsics& k) {
                 static_cast<int>(k.height_px), std::vector<double>{k.width_px, k.height_px});
 }
 
-}  // namespace
+// The camera of a frame: every number is the frame's own, else the one of the whole file.
+class TransformsLens {
+ public:
+  TransformsLens(const JsonPlace& frame, const JsonPlace& root) : frame_(frame), root_(root) {}
+
+  Camera MakeCamera(const std::function<PlaneSize()>& size_of_photograph) const;
+
+ private:
+  bool Has(std::string_view key) const { return frame_.Has(key) || root_.Has(key); }
+  std::optional<double> Number(std::string_view key) const;
+  double NumberOr(std::string_view key, double otherwise) const {
+    return Number(key).value_or(otherwise);
+  }
+  std::optional<double> Focal(char axis, double side_px) const;
+  std::string ModelName() const;
+  // k1 k2 k3 k4 p1 p2, or what distortion_params holds.
+  std::vector<double> Distortion() const;
+
+  const JsonPlace& frame_;
+  const JsonPlace& root_;
+};
 
 std::optional<double> TransformsLens::Number(std::string_view key) const {
   for (const JsonPlace* place : {&frame_, &root_}) {
@@ -121,10 +145,6 @@ std::optional<double> TransformsLens::Number(std::string_view key) const {
     return value.Number();
   }
   return std::nullopt;
-}
-
-double TransformsLens::NumberOr(std::string_view key, double otherwise) const {
-  return Number(key).value_or(otherwise);
 }
 
 // fl_x in pixels, camera_angle_x in radians or x_fov in degrees; of y likewise.
@@ -182,10 +202,11 @@ std::vector<double> TransformsLens::Distortion() const {
   return params;
 }
 
-Camera TransformsLens::MakeCamera(const std::optional<PlaneSize>& photo) const {
+Camera TransformsLens::MakeCamera(const std::function<PlaneSize()>& size_of_photograph) const {
+  const PlaneSize photo = Has("w") && Has("h") ? PlaneSize() : size_of_photograph();
   Intrinsics k{};
-  k.width_px = NumberOr("w", photo ? photo->width_px : 0);
-  k.height_px = NumberOr("h", photo ? photo->height_px : 0);
+  k.width_px = NumberOr("w", photo.width_px);
+  k.height_px = NumberOr("h", photo.height_px);
   if (!(k.width_px >= 1 && k.width_px <= kMaxImageSidePx && k.height_px >= 1 &&
         k.height_px <= kMaxImageSidePx)) {
     frame_.Fail("w, h: expected a size in pixels");
@@ -219,6 +240,13 @@ Camera TransformsLens::MakeCamera(const std::optional<PlaneSize>& photo) const {
       fmt::format("camera_model: expected OPENCV, OPENCV_FISHEYE, FISHEYE624, PINHOLE, "
                   "SIMPLE_PINHOLE, SIMPLE_RADIAL, RADIAL or EQUIRECTANGULAR, found \"{}\"",
                   model));
+}
+
+}  // namespace
+
+Camera CameraOfTransforms(const JsonPlace& frame, const JsonPlace& root,
+                          const std::function<PlaneSize()>& size_of_photograph) {
+  return TransformsLens(frame, root).MakeCamera(size_of_photograph);
 }
 
 }  // namespace raylift

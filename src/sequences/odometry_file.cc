@@ -7,7 +7,6 @@
 #include <utility>
 
 #include "datasets/importers.h"
-#include "datasets/kapture.h"
 #include "io/text/json_document.h"
 #include "io/text/line_tokens.h"
 #include <Eigen/Core>

@@ -1,7 +1,6 @@
 // The traps of kapture data sets, as Gangnam Station is one.
 
-#include "datasets/kapture.h"
-
+#include "datasets/importers.h"
 #include "datasets/test_input.h"
 #include "io/scene/trajectory_file.h"
 #include "support/matchers.h"
