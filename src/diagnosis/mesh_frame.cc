@@ -14,7 +14,7 @@
 #include "diagnosis/stored_faults.h"
 #include "geometry/signed_permutations.h"
 #include "lifting/mesh_spec.h"
-#include "surfaces/surface_samples.h"
+#include "surfaces/resampled_mesh.h"
 #include <Eigen/Geometry>
 
 #include "raylift/base/error.h"

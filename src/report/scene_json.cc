@@ -77,13 +77,8 @@ void SceneJson::AddCamera(const std::string& kind, const std::string& name,
 void SceneJson::AddMesh(const TriangleMesh& mesh) {
   if (mesh.triangles.empty()) return;
   // Of large triangles with a texture the colors of the corners would say little.
-  double area = 0;
-  for (const auto& [a, b, c] : mesh.triangles) {
-    area += 0.5 *
-            (mesh.vertices[b] - mesh.vertices[a]).cross(mesh.vertices[c] - mesh.vertices[a]).norm();
-  }
   const bool is_coarse = mesh.triangles.size() < kMeshTriangles && !mesh.textures.empty();
-  const double edge = std::sqrt(area / kMeshTriangles);
+  const double edge = std::sqrt(AreaOf(mesh) / kMeshTriangles);
   mesh_ = DecimatedMesh(is_coarse && edge > 0 ? SplitLongEdges(mesh, edge) : mesh, kMeshTriangles);
 }
 

@@ -1,5 +1,3 @@
-#include "surfaces/gltf_compression.h"
-
 #include <cstring>
 #include <exception>
 #include <memory>
@@ -7,6 +5,7 @@
 #include <utility>
 
 #include "base/read_limits.h"
+#include "surfaces/gltf_file.h"
 #include <draco/compression/decode.h>
 #include <draco/core/varint_decoding.h>
 #include <draco/metadata/metadata_decoder.h>

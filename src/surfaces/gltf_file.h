@@ -1,24 +1,67 @@
-// The parts of a glTF 2 file: its JSON, its buffers, and the numbers that its accessors say.
+// The parts of a glTF 2 file: its JSON, its buffers, the numbers that its accessors say, what
+// compresses them, and its nodes.
 
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <deque>
 #include <filesystem>
 #include <initializer_list>
 #include <map>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "io/text/json_document.h"
 #include "surfaces/file_readers.h"
-#include "surfaces/gltf_compression.h"
 #include "surfaces/input_files.h"
-#include <Eigen/Core>
+#include <Eigen/Geometry>
 
 namespace raylift {
+
+// What compresses glTF: Draco (KHR_draco_mesh_compression) and meshoptimizer
+// (EXT_meshopt_compression).
+
+// An attribute of vertices: `components` numbers of each, one vertex after the other.
+struct VertexNumbers {
+  size_t components = 0;
+  std::vector<float> values;
+
+  size_t count() const { return components == 0 ? 0 : values.size() / components; }
+};
+
+// What is wanted of a mesh that Draco compressed.
+struct DracoAttribute {
+  uint32_t id;
+  size_t components;
+  bool is_normalized;  // integers stand for their share of the largest one
+};
+
+struct DracoMesh {
+  std::vector<VertexNumbers> attributes;  // as they were asked for
+  std::vector<uint32_t> corners;          // of triangles
+};
+
+// Throws InputError where the bytes are no such mesh, or claim more than they can hold.
+DracoMesh DecodeDraco(std::string_view bytes, std::span<const DracoAttribute> attributes);
+
+// More bytes of one never come out: 16 vertices whose bytes do not change take two bits, a triangle
+// of three indices one byte.
+inline constexpr size_t kMostMeshoptRatio = 64;
+
+// The members of EXT_meshopt_compression.
+struct MeshoptView {
+  std::string mode;
+  std::string filter;
+  size_t count;
+  size_t stride;
+};
+
+// Returns count * stride bytes. Throws InputError where the compressed ones are not what is said.
+std::string DecodeMeshopt(std::string_view bytes, const MeshoptView& view);
 
 // Calls `use` with the member of a member ... that the names lead to, if there is one.
 template <typename Use>
@@ -111,5 +154,23 @@ class GltfFile {
   uint64_t num_decompressed_ = 0;    // bytes that views decompressed
   std::deque<MappedFile> files_;
 };
+
+// The tree of a file's nodes: which meshes are shown, and where.
+
+// A mesh of the file where a node (or an instance of it) puts it.
+struct GltfInstance {
+  size_t index;
+  Eigen::Affine3d root_from_mesh;
+  std::string name;  // PartName()
+};
+
+// Returns the meshes of the shown scene in the order of its tree, those of instanced nodes
+// (EXT_mesh_gpu_instancing) once for each, and all of them for each of `copies`, if there are any.
+// `z_up_from_gltf`: of CESIUM_RTC's axes. Throws InputError where nodes are no tree or too many.
+std::vector<GltfInstance> PlaceMeshes(const std::filesystem::path& path, GltfFile& file,
+                                      const Eigen::Matrix3d& z_up_from_gltf,
+                                      std::span<const Eigen::Affine3d> copies);
+
+[[noreturn]] void FailOfManyMeshes(const std::filesystem::path& path);
 
 }  // namespace raylift

@@ -1,9 +1,8 @@
-#include "surfaces/gltf_nodes.h"
-
 #include <algorithm>
 #include <utility>
 
 #include "base/read_limits.h"
+#include "surfaces/gltf_file.h"
 #include "surfaces/raw_mesh.h"
 #include <fmt/format.h>
 

@@ -14,7 +14,6 @@
 #include "base/read_limits.h"
 #include "surfaces/file_readers.h"
 #include "surfaces/gltf_file.h"
-#include "surfaces/gltf_nodes.h"
 #include "surfaces/input_files.h"
 #include <Eigen/Geometry>
 #include <fmt/format.h>

@@ -5,6 +5,7 @@
 #include <unordered_map>
 #include <utility>
 
+#include "base/rng.h"
 #include "surfaces/texture.h"
 #include <Eigen/Geometry>
 
@@ -17,15 +18,6 @@ using Triangles = std::vector<std::array<uint32_t, 3>>;
 
 // Numbers of cells along a side fit into these bits of a key.
 constexpr int kBitsPerSide = 21;
-
-double Area(const TriangleMesh& mesh) {
-  double area = 0;
-  for (const auto& [a, b, c] : mesh.triangles) {
-    const Eigen::Vector3f& corner = mesh.vertices[a];
-    area += 0.5 * (mesh.vertices[b] - corner).cross(mesh.vertices[c] - corner).norm();
-  }
-  return area;
-}
 
 // For each vertex the number of its cell, in the order of the cells' first vertices.
 struct Cells {
@@ -80,7 +72,7 @@ Coarse FinestWithin(const TriangleMesh& mesh, size_t max_triangles) {
   const double extent = box.diagonal().cast<double>().maxCoeff();
   constexpr double kMaxCells = (1 << kBitsPerSide) - 1;
   // A cell of a plane has two triangles; fewer where the mesh has large ones and small ones.
-  const double of_plane = std::sqrt(2 * Area(mesh) / static_cast<double>(max_triangles));
+  const double of_plane = std::sqrt(2 * AreaOf(mesh) / static_cast<double>(max_triangles));
   Coarse best = Coarsen(mesh, box.min(), std::max(of_plane, extent / kMaxCells));
   while (best.triangles.size() > max_triangles) best = Coarsen(mesh, box.min(), 1.1 * best.side);
   double too_fine = std::max(best.side / 1024, extent / kMaxCells);
@@ -260,6 +252,46 @@ TriangleMesh SplitLongEdges(const TriangleMesh& mesh, double max_edge) {
   while (Splitter(static_cast<float>(max_edge), split).Split()) {
   }
   return split;
+}
+
+double AreaOf(const TriangleMesh& mesh) {
+  double area = 0;
+  for (const auto& [a, b, c] : mesh.triangles) {
+    const Eigen::Vector3f& corner = mesh.vertices[a];
+    area += 0.5 * (mesh.vertices[b] - corner).cross(mesh.vertices[c] - corner).norm();
+  }
+  return area;
+}
+
+std::vector<SurfaceSample> SampleSurface(const TriangleMesh& mesh, size_t count, uint64_t seed) {
+  std::vector<double> area_up_to;  // of the triangles, summed up, twice
+  area_up_to.reserve(mesh.triangles.size());
+  double area = 0;
+  for (const auto& [a, b, c] : mesh.triangles) {
+    const Eigen::Vector3f cross =
+        (mesh.vertices[b] - mesh.vertices[a]).cross(mesh.vertices[c] - mesh.vertices[a]);
+    area += cross.cast<double>().norm();
+    area_up_to.push_back(area);
+  }
+  std::vector<SurfaceSample> samples;
+  if (!(area > 0)) return samples;
+  Rng rng(StreamSeed(seed, "surface", "samples"));
+  for (size_t i = 0; i < count; ++i) {
+    const auto at =
+        std::upper_bound(area_up_to.begin(), area_up_to.end() - 1, rng.Uniform() * area);
+    const auto& [a, b, c] = mesh.triangles[static_cast<size_t>(at - area_up_to.begin())];
+    double u = rng.Uniform();
+    double v = rng.Uniform();
+    if (u + v > 1) {
+      u = 1 - u;
+      v = 1 - v;
+    }
+    const Eigen::Vector3d origin = mesh.VertexInWorld(a);
+    const Eigen::Vector3d ab = mesh.VertexInWorld(b) - origin;
+    const Eigen::Vector3d ac = mesh.VertexInWorld(c) - origin;
+    samples.push_back({origin + u * ab + v * ac, ab.cross(ac).normalized()});
+  }
+  return samples;
 }
 
 }  // namespace raylift

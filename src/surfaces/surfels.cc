@@ -18,7 +18,7 @@
 namespace raylift {
 namespace {
 
-constexpr size_t kChunk = 4096;
+constexpr size_t kPointsPerTask = 4096;
 
 // A plane is told where the points spread across it in both directions: in the narrower one by more
 // than this share of the wider one's variance, which is what float coordinates round.
@@ -106,9 +106,9 @@ class DiscMaker {
  private:
   template <typename Body>
   void ForEachChunk(const Body& body) const {
-    ParallelFor((tree_.size() + kChunk - 1) / kChunk, options_.threads, [&](size_t chunk) {
+    ParallelFor((tree_.size() + kPointsPerTask - 1) / kPointsPerTask, options_.threads, [&](size_t chunk) {
       std::vector<Neighbor> room(static_cast<size_t>(options_.neighbors));
-      body(chunk * kChunk, std::min((chunk + 1) * kChunk, tree_.size()), room);
+      body(chunk * kPointsPerTask, std::min((chunk + 1) * kPointsPerTask, tree_.size()), room);
     });
   }
 

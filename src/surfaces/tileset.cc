@@ -15,7 +15,6 @@
 #include "io/text/json_document.h"
 #include "surfaces/file_readers.h"
 #include "surfaces/input_files.h"
-#include "surfaces/tileset_subtree.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"

@@ -1,5 +1,3 @@
-#include "surfaces/tileset_subtree.h"
-
 #include <algorithm>
 #include <cstring>
 #include <optional>
@@ -7,6 +5,7 @@
 #include <utility>
 
 #include "surfaces/input_files.h"
+#include "surfaces/tileset.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"

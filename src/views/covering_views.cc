@@ -4,7 +4,7 @@
 
 #include "base/constants.h"
 #include "base/rng.h"
-#include "surfaces/surface_samples.h"
+#include "surfaces/resampled_mesh.h"
 #include "views/space_probe.h"
 #include <Eigen/Geometry>
 #include <fmt/format.h>

@@ -4,7 +4,7 @@
 #include "support/room_scene.h"
 #include "support/splat_files.h"
 #include "support/test_data.h"
-#include "surfaces/surface_samples.h"
+#include "surfaces/resampled_mesh.h"
 #include "views/space_probe.h"
 #include <fmt/format.h>
 #include <gtest/gtest.h>

@@ -8,7 +8,7 @@
 #include "mesh_files.h"
 #include "support/matchers.h"
 #include "support/test_data.h"
-#include "surfaces/gltf_compression.h"
+#include "surfaces/gltf_file.h"
 #include "tileset_files.h"
 #include <Eigen/Geometry>
 #include <draco/compression/encode.h>

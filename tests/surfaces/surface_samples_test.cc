@@ -1,5 +1,4 @@
-#include "surfaces/surface_samples.h"
-
+#include "surfaces/resampled_mesh.h"
 #include <gtest/gtest.h>
 
 #include "raylift/surfaces/mesh_files.h"
