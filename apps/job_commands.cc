@@ -18,7 +18,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
-#include "raylift/jobs/promised_files.h"
+#include "raylift/jobs/task_job.h"
 
 namespace raylift {
 namespace {

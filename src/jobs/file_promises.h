@@ -1,4 +1,4 @@
-// Promises of files (raylift/jobs/promised_files.h), as lines of a manifest have them.
+// Promises of files (PromisedFile in raylift/jobs/task_job.h), as lines of a manifest have them.
 
 #pragma once
 
@@ -10,7 +10,7 @@
 
 #include "base/json_members.h"
 
-#include "raylift/jobs/promised_files.h"
+#include "raylift/jobs/task_job.h"
 
 namespace raylift {
 

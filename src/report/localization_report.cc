@@ -13,7 +13,6 @@
 #include "report/page.h"
 #include "report/query_facts.h"
 #include "report/scene_json.h"
-#include "report/walk_report.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 

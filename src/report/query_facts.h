@@ -1,13 +1,17 @@
-// What the page of `raylift localize` says and shows of a query, whichever pose it has.
+// What the page of `raylift localize` says and shows of a query, whichever pose it has, and what a
+// walk adds to it.
 
 #pragma once
 
+#include "report/scene_json.h"
 #include <nlohmann/json.hpp>
 
 #include "raylift/geometry/camera.h"
 #include "raylift/geometry/rigid3.h"
 #include "raylift/localization/localizer.h"
 #include "raylift/renderers/ray_caster.h"
+#include "raylift/scene/photographs.h"
+#include "raylift/sequences/smooth_queries.h"
 
 namespace raylift {
 
@@ -21,5 +25,18 @@ nlohmann::ordered_json QueryFacts(const LocalizedQuery& query);
 // data URIs: {"rendering": ..., "edges": ...}.
 nlohmann::ordered_json SeenFromPose(const Camera& camera, const Rigid3& cam_from_world,
                                     const RayCaster& mesh);
+
+// Gives a query's part of the page, {"query": ..., "scene": ...}, the walk's pose and verdict, and
+// what the walk did with it. A pose that is not near the photograph's own is rendered; null: it is
+// not.
+void TakeWalk(const WalkedQuery& walked, const Query& query, const RayCaster* mesh,
+              nlohmann::ordered_json& part);
+
+// Adds the pose that the photograph had by itself where the walk has another.
+void AddSinglePose(const WalkedQuery& walked, SceneJson& scene);
+
+// The frames with a pose in the order of their times, and what the odometry was:
+// {"frames": [{"query", "time_s", "role", "lost_before"}], "odometry": null or {...}}.
+nlohmann::ordered_json WalkJson(const WalkedQueries& walked);
 
 }  // namespace raylift

@@ -1,5 +1,3 @@
-#include "views/camera_files.h"
-
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -9,6 +7,7 @@
 
 #include "base/json_text.h"
 #include "base/statistics.h"
+#include "views/job_files.h"
 #include <Eigen/Core>
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>

@@ -1,11 +1,10 @@
-#include "views/camera_files.h"
-
 #include <sstream>
 #include <string>
 #include <vector>
 
 #include "support/meshes.h"
 #include "support/test_data.h"
+#include "views/job_files.h"
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 

@@ -20,8 +20,8 @@
 
 #include "raylift/base/enum_names.h"
 #include "raylift/io/depth_file.h"
-#include "raylift/jobs/promised_files.h"
 #include "raylift/jobs/shard.h"
+#include "raylift/jobs/task_job.h"
 #include "raylift/renderers/frame_renderer.h"
 #include "raylift/renderers/ray_caster.h"
 #include "raylift/scene/photographs.h"
