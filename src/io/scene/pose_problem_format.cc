@@ -4,6 +4,10 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <string>
+#include <string_view>
+#include <type_traits>
+#include <vector>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -17,274 +21,195 @@
 namespace raylift {
 namespace {
 
-void AppendNumber(double value, std::string* text) {
+std::string NumberText(double value) {
   RAYLIFT_CHECK(std::isfinite(value));
   // Readers take "-0" for an integer, which has no sign.
-  *text += value == 0 && std::signbit(value) ? "-0.0" : FormatDouble(value);
+  return value == 0 && std::signbit(value) ? "-0.0" : FormatDouble(value);
 }
 
 template <typename Numbers>
-void AppendNumbers(const Numbers& numbers, std::string* text) {
-  *text += '[';
-  bool is_first = true;
-  for (const double number : numbers) {
-    *text += is_first ? "" : ", ";
-    is_first = false;
-    AppendNumber(number, text);
-  }
-  *text += ']';
+std::string NumbersText(const Numbers& numbers) {
+  std::string text = "[";
+  for (const double number : numbers) text += (text.size() > 1 ? ", " : "") + NumberText(number);
+  return text + ']';
 }
 
-void AppendString(const std::string& string, std::string* text) {
+std::string StringText(const std::string& string) {
   try {
-    *text += nlohmann::json(string).dump();
+    return nlohmann::json(string).dump();
   } catch (const nlohmann::json::exception&) {
     throw InputError(fmt::format("the name \"{}\" is not UTF-8, which JSON demands", string));
   }
 }
 
-void AppendCamera(const Camera& camera, std::string* text) {
-  *text +=
-      fmt::format(R"({{"model": "{}", "width": {}, "height": {}, "params": )",
-                  GetCameraModelInfo(camera.model()).name, camera.width_px(), camera.height_px());
-  AppendNumbers(camera.params(), text);
-  *text += '}';
+std::string RotationText(const Eigen::Quaterniond& q) {
+  return NumbersText(Eigen::Vector4d(q.w(), q.x(), q.y(), q.z()));
 }
 
-void AppendPose(const Rigid3& pose, std::string* text) {
-  const Eigen::Quaterniond& q = pose.rotation;
-  *text += R"({"qvec": )";
-  AppendNumbers(Eigen::Vector4d(q.w(), q.x(), q.y(), q.z()), text);
-  *text += R"(, "tvec": )";
-  AppendNumbers(pose.translation, text);
-  *text += '}';
+std::string LensText(const Camera& camera) {
+  return fmt::format(R"({{"model": "{}", "width": {}, "height": {}, "params": {}}})",
+                     GetCameraModelInfo(camera.model()).name, camera.width_px(), camera.height_px(),
+                     NumbersText(camera.params()));
 }
 
-// ",\n" and `"name": [`, then one row per line.
-template <typename Row, typename AppendRow>
-void AppendArray(std::string_view name, const std::vector<Row>& rows, AppendRow append_row,
-                 std::string* text) {
-  *text += fmt::format(",\n\"{}\": [", name);
-  bool is_first = true;
-  for (const Row& row : rows) {
-    *text += is_first ? "\n" : ",\n";
-    is_first = false;
-    append_row(row, text);
-  }
-  *text += rows.empty() ? "]" : "\n]";
+std::string PoseText(const Rigid3& pose) {
+  return fmt::format(R"({{"qvec": {}, "tvec": {}}})", RotationText(pose.rotation),
+                     NumbersText(pose.translation));
 }
 
-void AppendReference(const PosedImage& reference, std::string* text) {
-  *text += R"({"name": )";
-  AppendString(reference.name, text);
-  *text += R"(, "camera": )";
-  AppendCamera(reference.camera, text);
-  *text += R"(, "cam_from_world": )";
-  AppendPose(reference.cam_from_world, text);
-  *text += '}';
+std::string ReferenceText(const PosedImage& reference) {
+  return fmt::format(R"({{"name": {}, "camera": {}, "cam_from_world": {}}})",
+                     StringText(reference.name), LensText(reference.camera),
+                     PoseText(reference.cam_from_world));
 }
 
-void AppendMatch2D2D(const Match2D2D& match, std::string* text) {
-  *text += fmt::format("[{}", match.reference);
-  for (const double number :
-       {match.query_px.x(), match.query_px.y(), match.reference_px.x(), match.reference_px.y()}) {
-    *text += ", ";
-    AppendNumber(number, text);
-  }
-  *text += ']';
+std::string OtherCameraText(const RigCamera& camera) {
+  return fmt::format(R"({{"name": {}, "camera": {}, "cam_from_query": {}}})",
+                     StringText(camera.name), LensText(camera.camera),
+                     PoseText(camera.cam_from_query));
 }
 
-void AppendMatch2D3D(const Match2D3D& match, std::string* text) {
+std::string PairText(const Match2D2D& match) {
+  return fmt::format("[{}, {}, {}, {}, {}]", match.reference, NumberText(match.query_px.x()),
+                     NumberText(match.query_px.y()), NumberText(match.reference_px.x()),
+                     NumberText(match.reference_px.y()));
+}
+
+std::string PointText(const Match2D3D& match) {
   Eigen::Matrix<double, 5, 1> row;
   row << match.query_px, match.point_in_world;
-  AppendNumbers(row, text);
+  return NumbersText(row);
 }
 
-void AppendOtherCameras(const std::vector<RigCamera>& cameras, std::string* text) {
-  if (cameras.empty()) return;
-  *text += ", \"other_cameras\": [";
-  for (const RigCamera& camera : cameras) {
-    *text += &camera == &cameras.front() ? "\n{\"name\": " : ",\n{\"name\": ";
-    AppendString(camera.name, text);
-    *text += ", \"camera\": ";
-    AppendCamera(camera.camera, text);
-    *text += ", \"cam_from_query\": ";
-    AppendPose(camera.cam_from_query, text);
-    *text += '}';
-  }
-  *text += "\n]";
-}
+enum class ListLayout { kOneLine, kLines };
 
-// "," and `"name": [`, then all values in one line.
 template <typename Value, typename TextOf>
-void AppendLine(std::string_view name, const std::vector<Value>& values, TextOf text_of,
-                std::string* text) {
-  *text += fmt::format(",\n\"{}\": [", name);
+std::string ListText(const std::vector<Value>& values, ListLayout layout, const TextOf& text_of) {
+  const bool in_lines = layout == ListLayout::kLines && !values.empty();
+  std::string text = "[";
   for (const Value& value : values) {
-    if (&value != values.data()) *text += ", ";
-    *text += text_of(value);
+    if (&value != values.data()) text += in_lines ? "," : ", ";
+    if (in_lines) text += '\n';
+    text += text_of(value);
   }
-  *text += ']';
+  return text + (in_lines ? "\n]" : "]");
 }
 
-void AppendReferenceIndex(const Match2D3D& match, std::string* text) {
-  *text += match.reference ? std::to_string(*match.reference) : "null";
+// A member on a line of its own, behind others.
+std::string MemberText(std::string_view name, const std::string& value) {
+  return fmt::format(",\n\"{}\": {}", name, value);
 }
 
-void AppendSigma(const std::optional<double>& sigma, std::string* text) {
-  if (sigma) {
-    AppendNumber(*sigma, text);
-  } else {
-    *text += "null";
-  }
-}
-void AppendPointSigma(const Match2D3D& match, std::string* text) {
-  AppendSigma(match.point_sigma, text);
-}
-void AppendDepthSigma(const Match2D3D& match, std::string* text) {
-  AppendSigma(match.log_depth_sigma, text);
-}
-void AppendReferenceSigma(const Match2D2D& match, std::string* text) {
-  AppendSigma(match.reference_sigma_px, text);
-}
-
-// A member of "extra": an index or null per match; left out where there is none.
-template <typename Match, typename Index>
-void AppendIndices(std::string_view name, const std::vector<Match>& matches,
-                   std::optional<Index> Match::*index, std::string* extra) {
-  const auto has_index = [index](const Match& match) { return (match.*index).has_value(); };
-  if (std::none_of(matches.begin(), matches.end(), has_index)) return;
-  const auto text_of = [&](const Match& match) {
-    return has_index(match) ? std::to_string(*(match.*index)) : std::string("null");
-  };
-  AppendLine(name, matches, text_of, extra);
+// A member with a value or null per match; nothing where no match has one.
+template <typename Match, typename Value>
+std::string ColumnText(std::string_view name, const std::vector<Match>& matches,
+                       std::optional<Value> Match::*member, ListLayout layout) {
+  const auto has_value = [member](const Match& match) { return (match.*member).has_value(); };
+  if (std::none_of(matches.begin(), matches.end(), has_value)) return {};
+  return MemberText(name, ListText(matches, layout, [&](const Match& match) -> std::string {
+                      if (!has_value(match)) return "null";
+                      if constexpr (std::is_floating_point_v<Value>) {
+                        return NumberText(*(match.*member));
+                      } else {
+                        return std::to_string(*(match.*member));
+                      }
+                    }));
 }
 
-void AppendPriors(const PosePriors& priors, std::string* text) {
-  const auto append = [text](std::string_view name, const Eigen::Vector3d& vector) {
-    *text += fmt::format("\"{}\": ", name);
-    AppendNumbers(vector, text);
-  };
-  const auto append_sigma = [text](double sigma_deg) {
-    *text += ", \"sigma_deg\": ";
-    AppendNumber(sigma_deg, text);
-    *text += '}';
-  };
-  if (priors.position) {
-    *text += ", \"position_prior\": {";
-    append("position", priors.position->position);
-    *text += ", ";
-    append("sigma", priors.position->sigma);
-    *text += '}';
+std::string PriorsText(const PosePriors& priors) {
+  std::string text;
+  if (const auto& prior = priors.position) {
+    text += fmt::format(R"(, "position_prior": {{"position": {}, "sigma": {}}})",
+                        NumbersText(prior->position), NumbersText(prior->sigma));
   }
-  if (priors.gravity) {
-    *text += ", \"gravity_prior\": {";
-    append("down_in_cam", priors.gravity->down_in_cam);
-    *text += ", ";
-    append("down_in_world", priors.gravity->down_in_world);
-    append_sigma(priors.gravity->sigma_deg);
+  if (const auto& prior = priors.gravity) {
+    text += fmt::format(
+        R"(, "gravity_prior": {{"down_in_cam": {}, "down_in_world": {}, "sigma_deg": {}}})",
+        NumbersText(prior->down_in_cam), NumbersText(prior->down_in_world),
+        NumberText(prior->sigma_deg));
   }
-  if (priors.heading) {
-    *text += ", \"heading_prior\": {";
-    append("right_in_cam", priors.heading->right_in_cam);
-    *text += ", ";
-    append("right_in_world", priors.heading->right_in_world);
-    *text += ", ";
-    append("down_in_world", priors.heading->down_in_world);
-    append_sigma(priors.heading->sigma_deg);
+  if (const auto& prior = priors.heading) {
+    text += fmt::format(
+        R"(, "heading_prior": {{"right_in_cam": {}, "right_in_world": {}, "down_in_world": {}, )"
+        R"("sigma_deg": {}}})",
+        NumbersText(prior->right_in_cam), NumbersText(prior->right_in_world),
+        NumbersText(prior->down_in_world), NumberText(prior->sigma_deg));
   }
-  if (priors.orientation) {
-    const Eigen::Quaterniond& q = priors.orientation->cam_from_world;
-    *text += ", \"orientation_prior\": {\"qvec\": ";
-    AppendNumbers(Eigen::Vector4d(q.w(), q.x(), q.y(), q.z()), text);
-    append_sigma(priors.orientation->sigma_deg);
+  if (const auto& prior = priors.orientation) {
+    text += fmt::format(R"(, "orientation_prior": {{"qvec": {}, "sigma_deg": {}}})",
+                        RotationText(prior->cam_from_world), NumberText(prior->sigma_deg));
   }
-  if (priors.focal_range != 1) {
-    *text += ", \"focal_range\": ";
-    AppendNumber(priors.focal_range, text);
-  }
-  if (priors.focal_sigma) {
-    *text += ", \"focal_sigma\": ";
-    AppendNumber(*priors.focal_sigma, text);
-  }
+  if (priors.focal_range != 1) text += ", \"focal_range\": " + NumberText(priors.focal_range);
+  if (priors.focal_sigma) text += ", \"focal_sigma\": " + NumberText(*priors.focal_sigma);
+  return text;
 }
 
-void AppendReferenceSigmas(const ReferenceSigmas& sigmas, std::string* text) {
+std::string ReferenceSigmasText(const ReferenceSigmas& sigmas) {
   std::string members;
   const auto append = [&](std::string_view name, const std::optional<double>& sigma) {
     if (!sigma) return;
-    members += fmt::format("{}\"{}\": ", members.empty() ? "" : ", ", name);
-    AppendNumber(*sigma, &members);
+    members += fmt::format("{}\"{}\": {}", members.empty() ? "" : ", ", name, NumberText(*sigma));
   };
   append("factor", sigmas.factor);
   append("rotation_deg", sigmas.rotation_deg);
   append("position", sigmas.position);
-  if (!members.empty()) *text += ",\n\"reference_sigmas\": {" + members + '}';
+  return members.empty() ? "" : MemberText("reference_sigmas", '{' + members + '}');
 }
 
 // Which keypoints the matches are of: also where a reader would find them by equal pixels, as other
 // readers need not know that.
-void AppendExtra(const PoseProblem& problem, std::string* text) {
+std::string ExtraText(const PoseProblem& problem) {
   PoseProblem complete = problem;
   AssignKeypointsByPixel(complete);
   const std::vector<Match2D2D>& pairs = complete.matches_2d2d;
   const std::vector<Match2D3D>& points = complete.matches_2d3d;
-  std::string extra;
-  AppendIndices("keypoint", pairs, &Match2D2D::query_keypoint, &extra);
-  AppendIndices("keypoint_2d3d", points, &Match2D3D::query_keypoint, &extra);
-  AppendIndices("reference_keypoint", pairs, &Match2D2D::reference_keypoint, &extra);
-  AppendIndices("match_2d2d", points, &Match2D3D::match_2d2d, &extra);
-  if (!extra.empty()) *text += ",\n\"extra\": {" + extra.substr(1) + '}';
+  using enum ListLayout;
+  const std::string extra =
+      ColumnText("keypoint", pairs, &Match2D2D::query_keypoint, kOneLine) +
+      ColumnText("keypoint_2d3d", points, &Match2D3D::query_keypoint, kOneLine) +
+      ColumnText("reference_keypoint", pairs, &Match2D2D::reference_keypoint, kOneLine) +
+      ColumnText("match_2d2d", points, &Match2D3D::match_2d2d, kOneLine);
+  return extra.empty() ? "" : MemberText("extra", '{' + extra.substr(1) + '}');
 }
 
 }  // namespace
 
 std::string FormatPoseProblem(const PoseProblemFile& file) {
+  using enum ListLayout;
   const PoseProblem& problem = file.problem;
-  std::string text = fmt::format("{{\n\"format\": \"pose-problem/{}\",\n\"name\": ",
-                                 problem.priors.empty() && problem.other_cameras.empty() ? 1 : 2);
-  AppendString(problem.name, &text);
-  text += ",\n\"query\": {\"camera\": ";
-  AppendCamera(problem.query_camera, &text);
+  const std::vector<Match2D2D>& pairs = problem.matches_2d2d;
+  const std::vector<Match2D3D>& points = problem.matches_2d3d;
+  const bool is_rig = !problem.other_cameras.empty();
+  std::string text = fmt::format(
+      "{{\n\"format\": \"pose-problem/{}\",\n\"name\": {},\n\"query\": {{\"camera\": {}",
+      problem.priors.empty() && !is_rig ? 1 : 2, StringText(problem.name),
+      LensText(problem.query_camera));
   if (file.gt_cam_from_world) {
-    text += ", \"gt_cam_from_world\": ";
-    AppendPose(*file.gt_cam_from_world, &text);
+    text += ", \"gt_cam_from_world\": " + PoseText(*file.gt_cam_from_world);
   }
-  AppendPriors(problem.priors, &text);
-  AppendOtherCameras(problem.other_cameras, &text);
+  text += PriorsText(problem.priors);
+  if (is_rig) {
+    text += ", \"other_cameras\": " + ListText(problem.other_cameras, kLines, OtherCameraText);
+  }
   text += '}';
-  AppendArray("references", problem.references, AppendReference, &text);
+  text += MemberText("references", ListText(problem.references, kLines, ReferenceText));
   if (!problem.reference_clusters.empty()) {
-    AppendLine(
-        "reference_clusters", problem.reference_clusters,
-        [](int cluster) { return std::to_string(cluster); }, &text);
+    text += MemberText("reference_clusters",
+                       ListText(problem.reference_clusters, kOneLine,
+                                [](int cluster) { return std::to_string(cluster); }));
   }
-  AppendArray("matches_2d2d", problem.matches_2d2d, AppendMatch2D2D, &text);
-  const auto& matches = problem.matches_2d3d;
-  AppendArray("matches_2d3d", matches, AppendMatch2D3D, &text);
-  if (std::any_of(matches.begin(), matches.end(), [](const auto& m) { return m.reference; })) {
-    AppendArray("matches_2d3d_reference", matches, AppendReferenceIndex, &text);
-  }
-  if (std::any_of(matches.begin(), matches.end(), [](const auto& m) { return m.point_sigma; })) {
-    AppendArray("matches_2d3d_sigma", matches, AppendPointSigma, &text);
-  }
-  if (std::any_of(matches.begin(), matches.end(),
-                  [](const auto& m) { return m.log_depth_sigma; })) {
-    AppendArray("matches_2d3d_log_depth_sigma", matches, AppendDepthSigma, &text);
-  }
-  const auto& pairs = problem.matches_2d2d;
-  if (std::any_of(pairs.begin(), pairs.end(), [](const auto& m) { return m.reference_sigma_px; })) {
-    AppendArray("matches_2d2d_sigma_px", pairs, AppendReferenceSigma, &text);
-  }
-  if (!problem.other_cameras.empty()) {
+  text += MemberText("matches_2d2d", ListText(pairs, kLines, PairText));
+  text += MemberText("matches_2d3d", ListText(points, kLines, PointText));
+  text += ColumnText("matches_2d3d_reference", points, &Match2D3D::reference, kLines);
+  text += ColumnText("matches_2d3d_sigma", points, &Match2D3D::point_sigma, kLines);
+  text += ColumnText("matches_2d3d_log_depth_sigma", points, &Match2D3D::log_depth_sigma, kLines);
+  text += ColumnText("matches_2d2d_sigma_px", pairs, &Match2D2D::reference_sigma_px, kLines);
+  if (is_rig) {
     const auto camera_of = [](const auto& match) { return std::to_string(match.camera); };
-    AppendLine("matches_2d2d_camera", pairs, camera_of, &text);
-    AppendLine("matches_2d3d_camera", matches, camera_of, &text);
+    text += MemberText("matches_2d2d_camera", ListText(pairs, kOneLine, camera_of));
+    text += MemberText("matches_2d3d_camera", ListText(points, kOneLine, camera_of));
   }
-  AppendReferenceSigmas(problem.reference_sigmas, &text);
-  AppendExtra(problem, &text);
-  text += "\n}\n";
-  return text;
+  return text + ReferenceSigmasText(problem.reference_sigmas) + ExtraText(problem) + "\n}\n";
 }
 
 void WritePoseProblem(const std::filesystem::path& path, const PoseProblemFile& file) {
