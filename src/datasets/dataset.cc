@@ -55,23 +55,6 @@ constexpr std::array<Dataset, 12> kDatasets = {{
      "a location's folder: sessions/map/ and sessions/query*/, each a scene", &ImportLamar},
 }};
 
-// Images of equal cameras share one.
-ColmapModel MakeModel(const std::vector<PosedImage>& images) {
-  ColmapModel model;
-  std::map<std::string, uint32_t> id_of_camera;
-  for (const PosedImage& image : images) {
-    const auto [camera, is_new] = id_of_camera.emplace(
-        image.camera.ToString(), static_cast<uint32_t>(id_of_camera.size() + 1));
-    if (is_new) model.cameras.emplace(camera->second, image.camera);
-    ColmapImage stored;
-    stored.name = image.name;
-    stored.camera_id = camera->second;
-    stored.SetCamFromWorld(image.cam_from_world);
-    model.images.emplace(static_cast<uint32_t>(model.images.size() + 1), std::move(stored));
-  }
-  return model;
-}
-
 std::vector<PosedImage> PosedQueries(const ImportedScene& scene) {
   std::map<std::string, Camera> cameras;
   for (const Query& query : scene.queries) cameras.emplace(query.name, query.camera);
@@ -118,13 +101,13 @@ path WriteImportedScene(const path& folder, const ImportedScene& scene, std::str
   file.references = scene.reference_model;
   if (file.references.empty()) {
     file.references = out / "references";
-    WriteColmapModel(file.references, MakeModel(scene.references), ColmapForm::kBinary);
+    WriteColmapModel(file.references, ModelOfImages(scene.references), ColmapForm::kBinary);
   }
   file.queries = out / "queries.txt";
   WriteQueryList(file.queries, scene.queries);
   if (!scene.ground_truth.empty()) {
     file.ground_truth = out / "ground_truth";
-    WriteColmapModel(file.ground_truth, MakeModel(PosedQueries(scene)), ColmapForm::kBinary);
+    WriteColmapModel(file.ground_truth, ModelOfImages(PosedQueries(scene)), ColmapForm::kBinary);
   }
   if (!scene.times.empty()) {
     file.times = out / "times.txt";

@@ -236,25 +236,23 @@ void CheckCameraFiles(std::span<const RenderTask> tasks, const RenderJobOptions&
 std::string TransformsJson(std::span<const RenderTask> tasks, const RenderJobOptions& options) {
   const ProductOutput* depth = Find(options, Product::kDepth);
   const ProductOutput* color = Find(options, Product::kColor);
-  const auto file = [](const ProductOutput& product, const std::string& stem) {
-    return fmt::format("{}/{}.{}", ToString(product.product), stem, product.format);
-  };
   // nerfstudio took the world for a turned one where it finds COLMAP's model and no such member.
   Json json = {{"applied_transform", {{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}}}};
   if (depth != nullptr) {
     json["depth_unit_scale_factor"] = depth->format == "png" ? options.storage.floats.png_step : 1;
   }
   json["frames"] = Json::array();
-  for (const auto& [view, stem] : tasks) {
+  for (const RenderTask& task : tasks) {
+    const View& view = task.view;
     Json frame;
     frame["file_path"] =
         options.photographs.empty()
-            ? file(*color, stem)
+            ? TaskFile(task, *color)
             : std::filesystem::absolute(options.photographs / view.name)
                   .lexically_normal()
                   .lexically_relative(std::filesystem::absolute(options.out).lexically_normal())
                   .generic_string();
-    if (depth != nullptr) frame["depth_file_path"] = file(*depth, stem);
+    if (depth != nullptr) frame["depth_file_path"] = TaskFile(task, *depth);
     frame.update(LensJson(view));
     frame["transform_matrix"] = PoseJson(view.cam_from_world);
     json["frames"].push_back(std::move(frame));

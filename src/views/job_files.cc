@@ -52,10 +52,7 @@ uint64_t LabelHash(const TriangleMesh& mesh) {
     names += fmt::format("{} {}\n{} {}\n", label.instance, label.instance_name, label.semantic,
                          label.semantic_name);
   }
-  const auto& labels = mesh.triangle_labels;
-  const std::string_view bytes(reinterpret_cast<const char*>(labels.data()),
-                               labels.size() * sizeof(labels[0]));
-  return HashBytes64(bytes, HashBytes64(names));
+  return HashBytes64(AsBytes(std::span(mesh.triangle_labels)), HashBytes64(names));
 }
 
 Json ProductJson(const ProductOutput& output, const RenderJobOptions& options) {
@@ -180,12 +177,14 @@ std::string TaskKey(const std::string& header, const RenderTask& task) {
                               task.view.camera.ToString(), FormatPose(task.view.cam_from_world))));
 }
 
+std::string TaskFile(const RenderTask& task, const ProductOutput& output) {
+  return fmt::format("{}/{}.{}", ToString(output.product), task.stem, output.format);
+}
+
 std::vector<std::string> TaskFiles(const RenderTask& task,
                                    std::span<const ProductOutput> products) {
   std::vector<std::string> files;
-  for (const ProductOutput& output : products) {
-    files.push_back(fmt::format("{}/{}.{}", ToString(output.product), task.stem, output.format));
-  }
+  for (const ProductOutput& output : products) files.push_back(TaskFile(task, output));
   return files;
 }
 

@@ -33,7 +33,8 @@ std::string ManifestHeader(const std::string& header, size_t images);
 // Returns the hash of everything that a view's files depend on.
 std::string TaskKey(const std::string& header, const RenderTask& task);
 
-// "PRODUCT/stem.FORMAT" of each product.
+// "PRODUCT/stem.FORMAT", of one product and of each.
+std::string TaskFile(const RenderTask& task, const ProductOutput& output);
 std::vector<std::string> TaskFiles(const RenderTask& task, std::span<const ProductOutput> products);
 
 // nullopt if the line is no entry of a manifest.

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <unordered_map>
 #include <unordered_set>
 
@@ -197,21 +196,13 @@ std::vector<RenderTask> SelectTasks(std::vector<View> views, const TaskSelection
 }
 
 std::optional<ColmapModel> ModelOf(std::span<const RenderTask> tasks) {
-  ColmapModel model;
-  std::map<std::string, uint32_t> id_of_camera;
+  std::vector<PosedImage> images;
   for (const RenderTask& task : tasks) {
     const auto& [name, camera, cam_from_world] = task.view;
     if (!camera.lens) return std::nullopt;
-    const auto next = static_cast<uint32_t>(id_of_camera.size() + 1);
-    const auto [entry, is_new] = id_of_camera.emplace(camera.ToString(), next);
-    if (is_new) model.cameras.emplace(next, *camera.lens);
-    ColmapImage image;
-    image.name = name;
-    image.camera_id = entry->second;
-    image.SetCamFromWorld(cam_from_world);
-    model.images.emplace(static_cast<uint32_t>(model.images.size() + 1), std::move(image));
+    images.push_back({name, *camera.lens, cam_from_world});
   }
-  return model;
+  return ModelOfImages(images);
 }
 
 }  // namespace raylift

@@ -96,6 +96,9 @@ struct ColmapModel {
   std::vector<PosedImage> PosedImages() const;
 };
 
+// Makes a model of images; those of equal cameras share one. Ids count from 1.
+ColmapModel ModelOfImages(std::span<const PosedImage> images);
+
 // Takes images out of a model, and with them their observations: points that lose some and keep
 // fewer than two are taken out, too. The others stay where they were triangulated. Names that are
 // not in the model are passed over.

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <set>
 #include <unordered_map>
+#include <utility>
 
 #include "io/colmap/colmap_files.h"
 #include <fmt/format.h>
@@ -93,6 +94,22 @@ std::vector<PosedImage> ColmapModel::PosedImages() const {
   std::sort(posed.begin(), posed.end(),
             [](const PosedImage& a, const PosedImage& b) { return a.name < b.name; });
   return posed;
+}
+
+ColmapModel ModelOfImages(std::span<const PosedImage> images) {
+  ColmapModel model;
+  std::map<std::string, uint32_t> id_of_camera;
+  for (const PosedImage& image : images) {
+    const auto [camera, is_new] = id_of_camera.emplace(
+        image.camera.ToString(), static_cast<uint32_t>(id_of_camera.size() + 1));
+    if (is_new) model.cameras.emplace(camera->second, image.camera);
+    ColmapImage stored;
+    stored.name = image.name;
+    stored.camera_id = camera->second;
+    stored.SetCamFromWorld(image.cam_from_world);
+    model.images.emplace(static_cast<uint32_t>(model.images.size() + 1), std::move(stored));
+  }
+  return model;
 }
 
 std::optional<ColmapForm> DetectColmapForm(const std::filesystem::path& folder) {

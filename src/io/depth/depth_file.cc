@@ -86,6 +86,17 @@ DepthFileFormat FormatToWrite(const path& file, const DepthWriteOptions& options
   return *format;
 }
 
+// As numpy has it.
+std::string ShapeText(PlaneSize size) {
+  return fmt::format("({}, {})", size.height_px, size.width_px);
+}
+
+std::string Zipped(const path& file, const std::string& key, const std::string& npy,
+                   const DepthWriteOptions& options) {
+  return MakeZip(file, key + ".npy", npy,
+                 options.deflate_npz ? ZipMethod::kDeflate : ZipMethod::kStore);
+}
+
 std::string Encode(const path& file, const FloatPlane& plane, DepthFileFormat format,
                    const DepthWriteOptions& options) {
   const PlaneSize size{plane.width_px, plane.height_px};
@@ -95,10 +106,10 @@ std::string Encode(const path& file, const FloatPlane& plane, DepthFileFormat fo
       return EncodeExr(file, size, {&channel, 1}, options.exr_compression, options.sample);
     }
     case DepthFileFormat::kNpy:
-      return EncodeNpy(plane, options.sample);
+      return EncodeNpy(ShapeText(size), plane.values, options.sample);
     case DepthFileFormat::kNpz:
-      return EncodeNpz(file, plane, options.sample, options.layer.empty() ? "depth" : options.layer,
-                       options.deflate_npz);
+      return Zipped(file, options.layer.empty() ? "depth" : options.layer,
+                    EncodeNpy(ShapeText(size), plane.values, options.sample), options);
     case DepthFileFormat::kTiff:
       return EncodeTiff(file, plane);
     case DepthFileFormat::kColmap:
@@ -121,7 +132,7 @@ std::optional<std::string> PlainHeader(const FloatPlane& plane, DepthFileFormat 
     return std::nullopt;
   }
   if (format == DepthFileFormat::kNpy) {
-    return NpyHeaderBytes("<f4", fmt::format("({}, {})", plane.height_px, plane.width_px));
+    return NpyHeaderBytes("<f4", ShapeText({plane.width_px, plane.height_px}));
   }
   if (format == DepthFileFormat::kColmap) {
     return fmt::format("{}&{}&1&", plane.width_px, plane.height_px);
@@ -176,34 +187,21 @@ std::string EncodeVectorsExr(const path& file, PlaneSize size, std::span<const f
   return EncodeExr(file, size, channels, options.exr_compression, options.sample);
 }
 
-std::string EncodeVectorsNpy(PlaneSize size, std::span<const float> vectors, FloatSample sample) {
-  const bool half = sample == FloatSample::kFloat16;
-  std::string bytes = NpyHeaderBytes(half ? "<f2" : "<f4",
-                                     fmt::format("({}, {}, 3)", size.height_px, size.width_px));
-  AppendSamples(vectors, sample, bytes);
-  return bytes;
-}
-
 std::string EncodeIndicesNpy(PlaneSize size, std::span<const uint32_t> indices) {
-  std::string bytes = NpyHeaderBytes("<u4", fmt::format("({}, {})", size.height_px, size.width_px));
+  std::string bytes = NpyHeaderBytes("<u4", ShapeText(size));
   bytes.append(reinterpret_cast<const char*>(indices.data()), indices.size_bytes());
   return bytes;
-}
-
-std::string Zipped(const path& file, const std::string& key, const std::string& npy,
-                   const DepthWriteOptions& options) {
-  return MakeZip(file, key + ".npy", npy,
-                 options.deflate_npz ? ZipMethod::kDeflate : ZipMethod::kStore);
 }
 
 std::string EncodeVectors(const path& file, PlaneSize size, std::span<const float> vectors,
                           const DepthWriteOptions& options) {
   const DepthFileFormat format = FormatOf(file, options);
   if (format == DepthFileFormat::kExr) return EncodeVectorsExr(file, size, vectors, options);
-  if (format == DepthFileFormat::kNpy) return EncodeVectorsNpy(size, vectors, options.sample);
-  if (format == DepthFileFormat::kNpz) {
-    const std::string key = options.layer.empty() ? "normals" : options.layer;
-    return Zipped(file, key, EncodeVectorsNpy(size, vectors, options.sample), options);
+  if (format == DepthFileFormat::kNpy || format == DepthFileFormat::kNpz) {
+    const std::string npy = EncodeNpy(fmt::format("({}, {}, 3)", size.height_px, size.width_px),
+                                      vectors, options.sample);
+    if (format == DepthFileFormat::kNpy) return npy;
+    return Zipped(file, options.layer.empty() ? "normals" : options.layer, npy, options);
   }
   if (format != DepthFileFormat::kColmap) FailAs(file, format, "vectors");
   std::string bytes = fmt::format("{}&{}&3&", size.width_px, size.height_px);

@@ -38,12 +38,10 @@ StoredDepth DecodeNpy(const std::filesystem::path& path, std::string_view bytes)
 // Returns what stands before the data of an array, for instance of ("<f4", "(480, 640)").
 std::string NpyHeaderBytes(std::string_view descr, std::string_view shape);
 void AppendSamples(std::span<const float> values, FloatSample sample, std::string& bytes);
-std::string EncodeNpy(const FloatPlane& plane, FloatSample sample);
+std::string EncodeNpy(std::string_view shape, std::span<const float> values, FloatSample sample);
 
 StoredDepth DecodeNpz(const std::filesystem::path& path, std::string_view bytes,
                       const std::string& key);
-std::string EncodeNpz(const std::filesystem::path& path, const FloatPlane& plane,
-                      FloatSample sample, const std::string& key, bool deflate);
 
 bool IsGzip(std::string_view bytes);
 StoredDepth DecodeNpyGz(const std::filesystem::path& path, std::string_view bytes);

@@ -134,11 +134,9 @@ void AppendSamples(std::span<const float> values, FloatSample sample, std::strin
   bytes.append(reinterpret_cast<const char*>(halves.data()), halves.size() * sizeof(uint16_t));
 }
 
-std::string EncodeNpy(const FloatPlane& plane, FloatSample sample) {
-  const bool half = sample == FloatSample::kFloat16;
-  std::string bytes = NpyHeaderBytes(half ? "<f2" : "<f4",
-                                     fmt::format("({}, {})", plane.height_px, plane.width_px));
-  AppendSamples(plane.values, sample, bytes);
+std::string EncodeNpy(std::string_view shape, std::span<const float> values, FloatSample sample) {
+  std::string bytes = NpyHeaderBytes(sample == FloatSample::kFloat16 ? "<f2" : "<f4", shape);
+  AppendSamples(values, sample, bytes);
   return bytes;
 }
 
@@ -162,12 +160,6 @@ StoredDepth DecodeNpz(const path& file, std::string_view bytes, const std::strin
   depth.format = DepthFileFormat::kNpz;
   depth.layer = chosen;
   return depth;
-}
-
-std::string EncodeNpz(const path& file, const FloatPlane& plane, FloatSample sample,
-                      const std::string& key, bool deflate) {
-  return MakeZip(file, key + ".npy", EncodeNpy(plane, sample),
-                 deflate ? ZipMethod::kDeflate : ZipMethod::kStore);
 }
 
 bool IsGzip(std::string_view bytes) { return bytes.starts_with("\x1f\x8b"); }

@@ -144,17 +144,6 @@ void WriteFeatures(const std::string& image, const Features& features, Hdf5Kind 
 
 std::string DatasetOf(const std::string& image_name) { return image_name + "/global_descriptor"; }
 
-// Writes vectors of `size` values each, one after the other.
-void WriteVectors(const std::filesystem::path& path, std::span<const std::string> image_names,
-                  const float* values, size_t size) {
-  Hdf5Writer file(path);
-  for (size_t i = 0; i < image_names.size(); ++i) {
-    file.WriteFloats(DatasetOf(image_names[i]), std::array{size}, {values + i * size, size},
-                     Hdf5Kind::kFloat);
-  }
-  file.Commit();
-}
-
 }  // namespace
 
 struct FeatureFile::Impl {
@@ -304,7 +293,13 @@ void WriteGlobalDescriptors(const std::filesystem::path& path,
                             std::span<const std::string> image_names,
                             const Eigen::MatrixXf& descriptors) {
   RAYLIFT_CHECK_EQ(image_names.size(), static_cast<size_t>(descriptors.cols()));
-  WriteVectors(path, image_names, descriptors.data(), static_cast<size_t>(descriptors.rows()));
+  const auto size = static_cast<size_t>(descriptors.rows());
+  Hdf5Writer file(path);
+  for (size_t i = 0; i < image_names.size(); ++i) {
+    file.WriteFloats(DatasetOf(image_names[i]), std::array{size},
+                     {descriptors.data() + i * size, size}, Hdf5Kind::kFloat);
+  }
+  file.Commit();
 }
 
 }  // namespace raylift

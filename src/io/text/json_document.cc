@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <climits>
 
+#include "base/json_text.h"
 #include "io/text/line_tokens.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -16,10 +17,7 @@ nlohmann::json Parse(std::string_view json, const std::filesystem::path& file) {
   try {
     return nlohmann::json::parse(json);
   } catch (const nlohmann::json::exception& error) {
-    // "[json.exception.parse_error.101] parse error at line 1, column 2: ..."
-    const std::string_view message = error.what();
-    const size_t id_end = message.find("] ");
-    throw InputError(file, message.substr(id_end == std::string_view::npos ? 0 : id_end + 2));
+    throw InputError(file, MessageOf(error));
   }
 }
 
