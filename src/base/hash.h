@@ -6,9 +6,10 @@
 #include <cstdint>
 #include <filesystem>
 #include <optional>
-#include <span>
 #include <string>
 #include <string_view>
+
+#include "base/bytes.h"
 
 namespace raylift {
 
@@ -17,11 +18,6 @@ uint64_t HashBytes64(std::string_view bytes, uint64_t seed = 0);
 
 // The same for any number of threads.
 uint64_t HashLarge(std::string_view bytes, int threads);
-
-template <typename T>
-std::string_view AsBytes(std::span<const T> values) {
-  return {reinterpret_cast<const char*>(values.data()), values.size_bytes()};
-}
 
 std::string HexText(uint64_t hash);  // 16 digits
 

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <span>
 
+#include "base/bytes.h"
 #include "lifting/source_view.h"
 #include "report/page.h"
 #include "surfaces/resampled_mesh.h"
@@ -17,11 +19,6 @@ using Json = nlohmann::ordered_json;
 // A page of a few MB shows them at once.
 constexpr size_t kMeshTriangles = 60'000;
 constexpr int kPointsPerImage = 1600;
-
-template <typename T>
-void AppendBytes(std::string& bytes, const T* values, size_t count) {
-  bytes.append(reinterpret_cast<const char*>(values), count * sizeof(T));
-}
 
 // Short numbers: five digits are plenty for a drawing.
 Json RoundedJson(const Eigen::Vector3d& v) {
@@ -87,13 +84,13 @@ Json SceneJson::MeshJson(const Eigen::Vector3d& origin) const {
   for (size_t i = 0; i < mesh_.vertices.size(); ++i) {
     const Eigen::Vector3f place =
         (mesh_.VertexInWorld(static_cast<uint32_t>(i)) - origin).cast<float>();
-    AppendBytes(floats, place.data(), 3);
+    floats += AsBytes(std::span(place.data(), 3));
     const std::array<uint8_t, 3> color = mesh_.vertex_colors_rgb.empty()
                                              ? std::array<uint8_t, 3>{190, 190, 190}
                                              : mesh_.vertex_colors_rgb[i];
-    AppendBytes(colors, color.data(), 3);
+    colors += AsBytes(std::span(color));
   }
-  for (const auto& triangle : mesh_.triangles) AppendBytes(corners, triangle.data(), 3);
+  for (const auto& triangle : mesh_.triangles) corners += AsBytes(std::span(triangle));
   return {{"vertices", EncodeBase64(floats)},
           {"colors", EncodeBase64(colors)},
           {"triangles", EncodeBase64(corners)}};
@@ -105,7 +102,7 @@ Json SceneJson::Build() const {
   std::string floats;
   for (const Eigen::Vector3d& point : points_) {
     const Eigen::Vector3f relative = (point - origin).cast<float>();
-    AppendBytes(floats, relative.data(), 3);
+    floats += AsBytes(std::span(relative.data(), 3));
   }
   Eigen::Vector3d up = Eigen::Vector3d::Zero();
   nlohmann::ordered_json cameras = nlohmann::ordered_json::array();

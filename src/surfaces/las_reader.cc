@@ -5,9 +5,9 @@
 #include <array>
 #include <bit>
 #include <cmath>
-#include <cstring>
 #include <limits>
 
+#include "base/bytes.h"
 #include "surfaces/file_readers.h"
 #include <fmt/format.h>
 
@@ -63,9 +63,7 @@ class LasReader {
  private:
   template <typename T>
   T At(size_t place) const {
-    T value;
-    std::memcpy(&value, bytes_.data() + place, sizeof(T));
-    return value;
+    return LoadNumber<T>(bytes_.data() + place);
   }
 
   void ReadHeader() {

@@ -1,11 +1,12 @@
 #include "raylift/surfaces/mesh_files.h"
 
 #include <bit>
-#include <cstring>
 #include <iterator>
 #include <limits>
+#include <span>
 #include <utility>
 
+#include "base/bytes.h"
 #include "base/input_paths.h"
 #include "surfaces/file_readers.h"
 #include "surfaces/input_files.h"
@@ -134,14 +135,7 @@ void Append(TriangleMesh mesh, const Attributes& attributes, TriangleMesh& targe
   if (attributes.labels) AppendLabels(std::move(mesh), target);
 }
 
-static_assert(std::endian::native == std::endian::little);
-
-template <typename T>
-void Append(const T* values, size_t count, std::string& bytes) {
-  const size_t begin = bytes.size();
-  bytes.resize(begin + count * sizeof(T));
-  std::memcpy(bytes.data() + begin, values, count * sizeof(T));
-}
+static_assert(std::endian::native == std::endian::little, "bytes are written as they are");
 
 }  // namespace
 
@@ -249,15 +243,16 @@ void WritePly(const std::filesystem::path& path, const TriangleMesh& mesh) {
   body.reserve(mesh.vertices.size() * (far_away ? 27 : 15) + mesh.triangles.size() * 13);
   for (size_t i = 0; i < mesh.vertices.size(); ++i) {
     if (far_away) {
-      Append(mesh.VertexInWorld(static_cast<uint32_t>(i)).eval().data(), 3, body);
+      const Eigen::Vector3d vertex = mesh.VertexInWorld(static_cast<uint32_t>(i));
+      body += AsBytes(std::span(vertex.data(), 3));
     } else {
-      Append(mesh.vertices[i].data(), 3, body);
+      body += AsBytes(std::span(mesh.vertices[i].data(), 3));
     }
-    if (has_colors) Append(mesh.vertex_colors_rgb[i].data(), 3, body);
+    if (has_colors) body += AsBytes(std::span(mesh.vertex_colors_rgb[i]));
   }
   for (const auto& triangle : mesh.triangles) {
     body += '\3';
-    Append(triangle.data(), 3, body);
+    body += AsBytes(std::span(triangle));
   }
   const std::string_view parts[] = {header, body};
   WriteFile(path, parts);

@@ -9,6 +9,7 @@
 #include <map>
 #include <optional>
 
+#include "base/bytes.h"
 #include "base/read_limits.h"
 #include "surfaces/file_readers.h"
 #include "surfaces/input_files.h"
@@ -226,20 +227,14 @@ class PcdReader {
     const char* point = lines_.rest().data();
     for (uint64_t i = 0; i < header_.count; ++i, point += header_.point_bytes) {
       AddPoint([point](const PcdField& field) { return ValueAt(point + field.at, field); });
-      if (color_ != nullptr) AddColor(Load<uint32_t>(point + color_->at));
+      if (color_ != nullptr) AddColor(LoadNumber<uint32_t>(point + color_->at));
     }
-  }
-
-  template <typename T>
-  static T Load(const char* bytes) {
-    T value;
-    std::memcpy(&value, bytes, sizeof(T));
-    return value;
   }
 
   static double ValueAt(const char* bytes, const PcdField& field) {
     if (field.type == 'F') {
-      return field.bytes == 4 ? static_cast<double>(Load<float>(bytes)) : Load<double>(bytes);
+      return field.bytes == 4 ? static_cast<double>(LoadNumber<float>(bytes))
+                              : LoadNumber<double>(bytes);
     }
     uint64_t bits = 0;
     std::memcpy(&bits, bytes, field.bytes);

@@ -1,10 +1,8 @@
 #include "surfaces/ply_file.h"
 
-#include <algorithm>
-#include <array>
 #include <bit>
-#include <cstring>
 
+#include "base/bytes.h"
 #include "surfaces/input_files.h"
 #include <fmt/format.h>
 
@@ -217,18 +215,11 @@ PlyColumns::Column PlyColumns::Get(std::string_view property, PlyType type) cons
   return column;
 }
 
-template <typename T>
-T PlyColumns::Load(const char* from) const {
-  std::array<char, sizeof(T)> bytes;
-  std::memcpy(bytes.data(), from, sizeof(T));
-  if (swap_bytes_) std::reverse(bytes.begin(), bytes.end());
-  return std::bit_cast<T>(bytes);
-}
-
 double PlyColumns::At(size_t row, const Column& column) const {
   const char* const from = rows_.data() + row * row_bytes_ + column.offset;
-  return WithPlyValue(column.type,
-                      [&](auto value) { return static_cast<double>(Load<decltype(value)>(from)); });
+  return WithPlyValue(column.type, [&](auto value) {
+    return static_cast<double>(LoadNumber<decltype(value)>(from, swap_bytes_));
+  });
 }
 
 }  // namespace raylift

@@ -90,9 +90,6 @@ class PlyColumns {
   double At(size_t row, const Column& column) const;
 
  private:
-  template <typename T>
-  T Load(const char* from) const;
-
   std::filesystem::path path_;
   PlyElement element_;
   std::string_view rows_;

@@ -2,8 +2,8 @@
 #include <array>
 #include <bit>
 #include <cmath>
-#include <cstring>
 
+#include "base/bytes.h"
 #include "surfaces/file_readers.h"
 #include "surfaces/input_files.h"
 #include "surfaces/raw_mesh.h"
@@ -43,12 +43,8 @@ class BinaryCursor {
   template <typename T>
   T Take() {
     if (remaining_bytes() < sizeof(T)) FailAtEnd();
-    char bytes[sizeof(T)];
-    std::memcpy(bytes, next_, sizeof(T));
-    if constexpr (kSwapBytes) std::reverse(bytes, bytes + sizeof(T));
+    const T value = LoadNumber<T>(next_, kSwapBytes);
     next_ += sizeof(T);
-    T value;
-    std::memcpy(&value, bytes, sizeof(T));
     return value;
   }
 

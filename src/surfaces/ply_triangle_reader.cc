@@ -4,6 +4,7 @@
 #include <bit>
 #include <cstring>
 
+#include "base/bytes.h"
 #include "surfaces/file_readers.h"
 #include "surfaces/input_files.h"
 #include "surfaces/raw_mesh.h"
@@ -100,11 +101,10 @@ std::optional<FaceLayout> LayOutFaces(const PlyElement& element) {
 
 template <typename T>
 Eigen::Vector3d PositionAt(const char* record, const VertexLayout& layout) {
-  T x, y, z;
-  std::memcpy(&x, record + layout.position[0], sizeof(T));
-  std::memcpy(&y, record + layout.position[1], sizeof(T));
-  std::memcpy(&z, record + layout.position[2], sizeof(T));
-  return {static_cast<double>(x), static_cast<double>(y), static_cast<double>(z)};
+  const auto at = [&](size_t axis) {
+    return static_cast<double>(LoadNumber<T>(record + layout.position[axis]));
+  };
+  return {at(0), at(1), at(2)};
 }
 
 class TriangleReader {

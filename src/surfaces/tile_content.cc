@@ -10,6 +10,7 @@
 #include <string_view>
 #include <utility>
 
+#include "base/bytes.h"
 #include "base/input_paths.h"
 #include "io/text/json_document.h"
 #include "surfaces/file_readers.h"
@@ -59,10 +60,8 @@ class TileReader {
   static constexpr size_t kCommonHeader = 12;
 
   uint32_t Number(std::string_view bytes, size_t offset) const {
-    uint32_t number = 0;
-    if (bytes.size() < offset + sizeof(number)) FailTruncated();
-    std::memcpy(&number, bytes.data() + offset, sizeof(number));
-    return number;
+    if (bytes.size() < offset + sizeof(uint32_t)) FailTruncated();
+    return LoadNumber<uint32_t>(bytes.data() + offset);
   }
 
   void ReadTile(std::string_view bytes, int depth) {

@@ -1,5 +1,7 @@
 #include <algorithm>
+#include <span>
 
+#include "base/bytes.h"
 #include "views/surface_labels.h"
 #include <fmt/format.h>
 
@@ -44,11 +46,6 @@ WrittenFile WriteFloats(const path& file, const Frame& frame, const std::vector<
   return {file, report.bytes, report.dropped};
 }
 
-template <typename T>
-void Append(const T* values, std::string& bytes) {
-  bytes.append(reinterpret_cast<const char*>(values), 3 * sizeof(T));
-}
-
 // The surface's points alone, in the order of the pixels.
 WrittenFile WriteCloud(const path& file, const Frame& frame) {
   std::string rows;
@@ -56,9 +53,9 @@ WrittenFile WriteCloud(const path& file, const Frame& frame) {
     const Eigen::Map<const Eigen::Vector3f> point(&frame.points[i]);
     if (!point.allFinite()) continue;
     const Eigen::Vector3d in_world = frame.points_origin + point.cast<double>();
-    Append(in_world.data(), rows);
-    Append(&frame.normals[i], rows);
-    Append(&frame.color.data[i], rows);
+    rows += AsBytes(std::span(in_world.data(), 3));
+    rows += AsBytes(std::span(&frame.normals[i], 3));
+    rows += AsBytes(std::span(&frame.color.data[i], 3));
   }
   constexpr size_t kRowBytes = 3 * (sizeof(double) + sizeof(float) + sizeof(uint8_t));
   const std::string header = fmt::format(

@@ -4,11 +4,11 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cstring>
 #include <set>
 #include <type_traits>
 
+#include "base/bytes.h"
 #include <Eigen/Core>
 #include <fmt/format.h>
 
@@ -125,14 +125,6 @@ class NpyHeaderParser {
   std::set<std::string> seen_;
 };
 
-template <typename Sample>
-Sample Load(const char* data, bool swap) {
-  std::array<char, sizeof(Sample)> bytes;
-  std::memcpy(bytes.data(), data, sizeof(Sample));
-  if (swap) std::reverse(bytes.begin(), bytes.end());
-  return std::bit_cast<Sample>(bytes);
-}
-
 struct HalfBits {
   uint16_t bits;
   explicit operator float() const {
@@ -144,7 +136,7 @@ struct HalfBits {
 template <typename Sample, typename Value>
 void Convert(const char* data, bool swap, std::span<Value> values) {
   for (size_t i = 0; i < values.size(); ++i) {
-    values[i] = static_cast<Value>(Load<Sample>(data + i * sizeof(Sample), swap));
+    values[i] = static_cast<Value>(LoadNumber<Sample>(data + i * sizeof(Sample), swap));
   }
 }
 

@@ -9,14 +9,15 @@
 #include <bit>
 #include <climits>
 #include <cmath>
-#include <cstring>
 #include <filesystem>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <type_traits>
 #include <vector>
 
+#include "base/bytes.h"
 #include "io/text/line_tokens.h"
 #include <fmt/format.h>
 
@@ -136,8 +137,7 @@ class BinaryReader {
   template <typename T>
   T Read(const char* field) {
     if (Remaining() < sizeof(T)) Fail(field, "the file ends here");
-    T value;
-    std::memcpy(&value, contents_.data() + position_, sizeof(T));
+    const T value = LoadNumber<T>(contents_.data() + position_);
     position_ += sizeof(T);
     return value;
   }
@@ -168,9 +168,7 @@ class BinaryWriter {
 
   template <typename T>
   void Number(const char*, T value) {
-    const size_t position = contents_.size();
-    contents_.resize(position + sizeof(T));
-    std::memcpy(contents_.data() + position, &value, sizeof(T));
+    contents_ += AsBytes(std::span(&value, 1));
   }
   template <typename Numbers>
   void Vector(const char* field, const Numbers& vector) {

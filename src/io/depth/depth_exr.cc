@@ -3,11 +3,11 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
-#include <cstring>
 #include <new>
 #include <optional>
 #include <utility>
 
+#include "base/bytes.h"
 #include "base/input_paths.h"
 #include "base/read_limits.h"
 #include "io/depth/depth_formats.h"
@@ -148,9 +148,8 @@ class AttributeCheck {
   }
 
   uint32_t Number(std::string_view name) {
-    uint32_t number = 0;
-    if (bytes_.size() < sizeof(number)) Fail(name, "the file ends here");
-    std::memcpy(&number, bytes_.data(), sizeof(number));
+    if (bytes_.size() < sizeof(uint32_t)) Fail(name, "the file ends here");
+    const auto number = LoadNumber<uint32_t>(bytes_.data());
     bytes_.remove_prefix(sizeof(number));
     return number;
   }

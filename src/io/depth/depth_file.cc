@@ -5,9 +5,9 @@
 #include <bit>
 #include <cctype>
 #include <cmath>
-#include <cstring>
 #include <utility>
 
+#include "base/bytes.h"
 #include "base/input_paths.h"
 #include "base/read_limits.h"
 #include "io/binary/npy_array.h"
@@ -141,8 +141,7 @@ std::optional<std::string> PlainHeader(const FloatPlane& plane, DepthFileFormat 
 }
 
 size_t WritePlain(const path& file, const std::string& header, const FloatPlane& plane) {
-  const std::array<std::string_view, 2> parts = {
-      header, {reinterpret_cast<const char*>(plane.values.data()), plane.values.size_bytes()}};
+  const std::array<std::string_view, 2> parts = {header, AsBytes(plane.values)};
   WriteFile(file, parts);
   return parts[0].size() + parts[1].size();
 }
@@ -189,7 +188,7 @@ std::string EncodeVectorsExr(const path& file, PlaneSize size, std::span<const f
 
 std::string EncodeIndicesNpy(PlaneSize size, std::span<const uint32_t> indices) {
   std::string bytes = NpyHeaderBytes("<u4", ShapeText(size));
-  bytes.append(reinterpret_cast<const char*>(indices.data()), indices.size_bytes());
+  bytes += AsBytes(indices);
   return bytes;
 }
 

@@ -3,12 +3,11 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cctype>
-#include <cstring>
 #include <optional>
 #include <stdexcept>
 
+#include "base/bytes.h"
 #include "base/read_limits.h"
 #include "io/depth/depth_formats.h"
 #include "pictures/codecs.h"
@@ -22,14 +21,6 @@ namespace {
 using std::filesystem::path;
 
 constexpr std::string_view kPngMagic("\x89PNG\r\n\x1a\n", 8);
-
-template <typename T>
-T LoadAt(std::string_view bytes, uint64_t offset, bool big_endian) {
-  std::array<char, sizeof(T)> raw;
-  std::memcpy(raw.data(), bytes.data() + offset, sizeof(T));
-  if (big_endian) std::reverse(raw.begin(), raw.end());
-  return std::bit_cast<T>(raw);
-}
 
 // The entries of a TIFF file's first directory.
 struct TiffFacts {
@@ -103,7 +94,7 @@ class TiffDirectory {
   template <typename T>
   T Load(uint64_t offset) const {
     if (offset > bytes_.size() || bytes_.size() - offset < sizeof(T)) Fail();
-    return LoadAt<T>(bytes_, offset, big_endian_);
+    return LoadNumber<T>(bytes_.data() + offset, big_endian_);
   }
   [[noreturn]] void Fail() const {
     throw InputError(file_, "the TIFF file is damaged or truncated");

@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <limits>
 #include <memory>
+#include <span>
 
+#include "base/bytes.h"
 #include "io/binary/npy_array.h"
 #include "io/binary/zip_archive.h"
 #include "io/depth/depth_formats.h"
@@ -125,13 +127,13 @@ std::string NpyHeaderBytes(std::string_view descr, std::string_view shape) {
 
 void AppendSamples(std::span<const float> values, FloatSample sample, std::string& bytes) {
   if (sample == FloatSample::kFloat32) {
-    bytes.append(reinterpret_cast<const char*>(values.data()), values.size_bytes());
+    bytes += AsBytes(values);
     return;
   }
   std::vector<uint16_t> halves(values.size());
   DepthWriteReport ignored;
   RoundToHalf(values, halves, ignored);
-  bytes.append(reinterpret_cast<const char*>(halves.data()), halves.size() * sizeof(uint16_t));
+  bytes += AsBytes(std::span(halves));
 }
 
 std::string EncodeNpy(std::string_view shape, std::span<const float> values, FloatSample sample) {

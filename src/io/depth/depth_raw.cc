@@ -3,11 +3,11 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cctype>
 #include <cmath>
 #include <cstring>
 
+#include "base/bytes.h"
 #include "io/depth/depth_formats.h"
 #include <fmt/format.h>
 
@@ -111,13 +111,6 @@ StoredDepth MakeStored(uint64_t width, uint64_t height, DepthFileFormat format,
   return depth;
 }
 
-float LoadFloat(const char* data, bool big_endian) {
-  std::array<char, sizeof(float)> bytes;
-  std::memcpy(bytes.data(), data, sizeof(float));
-  if (big_endian) std::reverse(bytes.begin(), bytes.end());
-  return std::bit_cast<float>(bytes);
-}
-
 }  // namespace
 
 bool IsColmapMap(std::string_view bytes) { return ParseColmapHeader(bytes).has_value(); }
@@ -136,7 +129,7 @@ StoredDepth DecodeColmapMap(const path& file, std::string_view bytes) {
 
 std::string EncodeColmapMap(const FloatPlane& plane) {
   std::string bytes = fmt::format("{}&{}&1&", plane.width_px, plane.height_px);
-  bytes.append(reinterpret_cast<const char*>(plane.values.data()), plane.values.size_bytes());
+  bytes += AsBytes(plane.values);
   return bytes;
 }
 
@@ -194,7 +187,7 @@ StoredDepth DecodePfm(const path& file, std::string_view bytes) {
   for (uint64_t y = 0; y < height; ++y) {
     const char* row = data.data() + (height - 1 - y) * width * sizeof(float);
     for (uint64_t x = 0; x < width; ++x) {
-      depth.values[y * width + x] = LoadFloat(row + x * sizeof(float), scale > 0);
+      depth.values[y * width + x] = LoadNumber<float>(row + x * sizeof(float), scale > 0);
     }
   }
   return depth;
@@ -204,8 +197,7 @@ std::string EncodePfm(const FloatPlane& plane) {
   std::string bytes = fmt::format("Pf\n{} {}\n-1\n", plane.width_px, plane.height_px);
   const auto width = static_cast<size_t>(plane.width_px);
   for (auto y = static_cast<size_t>(plane.height_px); y-- > 0;) {
-    const auto row = plane.values.subspan(y * width, width);
-    bytes.append(reinterpret_cast<const char*>(row.data()), row.size_bytes());
+    bytes += AsBytes(plane.values.subspan(y * width, width));
   }
   return bytes;
 }
