@@ -16,54 +16,39 @@ namespace {
 
 using std::filesystem::path;
 
-struct NvmCamera {
-  std::string name;
+struct Focal {
   double focal_px = 0;
-  Rigid3 cam_from_world;
   double radial_distortion = 0;  // VisualSFM's, of the measured pixel
 };
 
-NvmCamera ReadCamera(const LineReader& lines, std::string_view line) {
-  LineTokens tokens(lines, line);
-  NvmCamera camera;
-  camera.name = tokens.Token("name");
-  camera.focal_px = tokens.Double("focal length");
-  if (!(camera.focal_px > 0)) tokens.Fail("focal length: expected a positive number");
-  const Eigen::Vector4d q = tokens.Quaternion("quaternion");
-  const Eigen::Vector3d center_in_world = tokens.Vector<3>("camera center");
-  const Eigen::Quaterniond rotation = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized();
-  camera.cam_from_world = {rotation, -(rotation * center_in_world)};
-  camera.radial_distortion = tokens.Double("radial distortion");
-  return camera;
+std::string WithoutExtension(const std::string& name) {
+  return path(name).replace_extension().generic_string();
 }
 
-// The cameras of the first model: `name f qw qx qy qz cx cy cz k 0`, the quaternion world to
-// camera, c the camera's center. Throws InputError for anything else.
-std::vector<NvmCamera> ReadNvmCameras(const std::filesystem::path& file) {
+// What the cameras of the first model say of their lenses, by their names without extensions: lines
+// `name f qw qx qy qz cx cy cz k 0`, the poses of which are not used. Throws InputError for anything
+// else.
+std::map<std::string, Focal> ReadFocals(const path& file) {
   LineReader lines(file);
   const auto header = lines.NextContent();
   if (!header || !header->starts_with("NVM_V3")) lines.Fail("expected NVM_V3");
   const auto count_line = lines.NextContent();
   if (!count_line) lines.Fail("expected the number of cameras, found the end of the file");
   const uint64_t count = lines.Uint(Trim(*count_line), "number of cameras");
-  std::vector<NvmCamera> cameras;
-  while (cameras.size() < count) {
+  std::map<std::string, Focal> focals;
+  for (uint64_t i = 0; i < count; ++i) {
     const auto line = lines.NextContent();
-    if (!line) {
-      lines.Fail(fmt::format("expected {} cameras, found {}", count, cameras.size()));
-    }
-    cameras.push_back(ReadCamera(lines, *line));
+    if (!line) lines.Fail(fmt::format("expected {} cameras, found {}", count, i));
+    LineTokens tokens(lines, *line);
+    const std::string name(tokens.Token("name"));
+    Focal focal{.focal_px = tokens.Double("focal length")};
+    if (!(focal.focal_px > 0)) tokens.Fail("focal length: expected a positive number");
+    tokens.Quaternion("quaternion");
+    tokens.Vector<3>("camera center");
+    focal.radial_distortion = tokens.Double("radial distortion");
+    focals.emplace(WithoutExtension(name), focal);
   }
-  return cameras;
-}
-
-struct Focal {
-  double focal_px;
-  double radial_distortion;
-};
-
-std::string WithoutExtension(const std::string& name) {
-  return path(name).replace_extension().generic_string();
+  return focals;
 }
 
 std::vector<NamedPose> ReadRows(const path& file) {
@@ -76,8 +61,7 @@ std::vector<NamedPose> ReadRows(const path& file) {
     pose.name = tokens.Token("name");
     const Eigen::Vector3d center_in_world = tokens.Vector<3>("camera position");
     const Eigen::Vector4d q = tokens.Quaternion("quaternion");
-    const Eigen::Quaterniond rotation = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized();
-    pose.cam_from_world = {rotation, -(rotation * center_in_world)};
+    pose.cam_from_world = PoseByCenter(q, center_in_world);
     tokens.ExpectEnd();
   }
   return poses;
@@ -92,10 +76,7 @@ class Cameras {
     if (!std::filesystem::exists(file)) {
       throw InputError(file, "the file with the focal lengths is missing: give the camera instead");
     }
-    for (const NvmCamera& camera : ReadNvmCameras(file)) {
-      focals_.emplace(WithoutExtension(camera.name),
-                      Focal{camera.focal_px, camera.radial_distortion});
-    }
+    focals_ = ReadFocals(file);
   }
 
   std::optional<Camera> Find(const std::string& name) {

@@ -259,6 +259,11 @@ std::optional<Rigid3> RigidFromMatrix(const Eigen::Matrix4d& matrix) {
   return Rigid3{Eigen::Quaterniond(rotation).normalized(), matrix.topRightCorner<3, 1>()};
 }
 
+Rigid3 PoseByCenter(const Eigen::Vector4d& q, const Eigen::Vector3d& center_in_world) {
+  const Eigen::Quaterniond rotation = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized();
+  return {rotation, -(rotation * center_in_world)};
+}
+
 std::optional<Rigid3> ReadWorldFromCam(const path& file) {
   const Eigen::Matrix4d matrix = ReadAnyMatrix(file);
   if (!matrix.allFinite()) return std::nullopt;

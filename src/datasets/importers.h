@@ -94,6 +94,9 @@ Camera FitToPhotograph(const Camera& camera, const std::filesystem::path& photog
 // rotation is orthogonal only within the rounding of text files, and is made so.
 std::optional<Rigid3> RigidFromMatrix(const Eigen::Matrix4d& matrix);
 
+// A pose that is given by its rotation, world to camera and of any length, and the camera's center.
+Rigid3 PoseByCenter(const Eigen::Vector4d& qvec_wxyz, const Eigen::Vector3d& center_in_world);
+
 // A text file of a 4x4 matrix, a row per line, of a camera in the world. None where a number is
 // infinite or not one, as in frames that were not tracked. Throws InputError for anything else.
 std::optional<Rigid3> ReadWorldFromCam(const std::filesystem::path& file);

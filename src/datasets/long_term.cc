@@ -122,8 +122,7 @@ std::map<std::string, Rigid3> ReadPosesByCenter(const path& file) {
     const Eigen::Vector4d q = tokens.Quaternion("quaternion");
     const Eigen::Vector3d center_in_world = tokens.Vector<3>("camera center");
     tokens.ExpectEnd();
-    const Eigen::Quaterniond rotation = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized();
-    poses[name] = {rotation, -(rotation * center_in_world)};
+    poses[name] = PoseByCenter(q, center_in_world);
   }
   return poses;
 }

@@ -4,9 +4,9 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <numeric>
 #include <utility>
 
+#include "base/index_sets.h"
 #include "lifting/source_view.h"
 #include "mapping/distance_grid.h"
 #include "mapping/fields.h"
@@ -87,22 +87,19 @@ double AreaOf(const ZeroSurface& surface, const std::array<uint32_t, 3>& triangl
 
 // Leaves out the triangles of connected pieces that are smaller than that.
 void DropSmallPieces(double least_area, ZeroSurface& surface) {
-  std::vector<uint32_t> piece(surface.vertices.size());
-  std::iota(piece.begin(), piece.end(), 0U);
-  const auto root = [&piece](uint32_t vertex) {
-    while (piece[vertex] != vertex) vertex = piece[vertex] = piece[piece[vertex]];
-    return vertex;
-  };
+  DisjointSets pieces(surface.vertices.size());
   for (const auto& [a, b, c] : surface.triangles) {
-    piece[root(b)] = root(a);
-    piece[root(c)] = root(a);
+    pieces.Join(b, a);
+    pieces.Join(c, a);
   }
+  const std::vector<int> piece_of = pieces.Numbers();
   std::vector<double> areas(surface.vertices.size(), 0);
-  for (const auto& triangle : surface.triangles) {
-    areas[root(triangle[0])] += AreaOf(surface, triangle);
-  }
+  const auto area_of = [&](const auto& triangle) -> double& {
+    return areas[static_cast<size_t>(piece_of[triangle[0]])];
+  };
+  for (const auto& triangle : surface.triangles) area_of(triangle) += AreaOf(surface, triangle);
   std::erase_if(surface.triangles,
-                [&](const auto& triangle) { return areas[root(triangle[0])] < least_area; });
+                [&](const auto& triangle) { return area_of(triangle) < least_area; });
 }
 
 }  // namespace

@@ -83,7 +83,7 @@ class SceneConverter {
   int32_t AddEmbedded(const aiTexture& texture, const std::string& name) {
     std::optional<Image> image;
     if (texture.mHeight == 0) {  // a whole file of mWidth bytes
-      image = DecodeTexture({reinterpret_cast<const uint8_t*>(texture.pcData), texture.mWidth});
+      image = DecodeTexture({reinterpret_cast<const char*>(texture.pcData), texture.mWidth});
     } else {
       image = Image{static_cast<int>(texture.mWidth), static_cast<int>(texture.mHeight), 3, {}};
       const size_t count = size_t{texture.mWidth} * texture.mHeight;
@@ -93,13 +93,7 @@ class SceneConverter {
         image->data.insert(image->data.end(), {texel.r, texel.g, texel.b});
       }
     }
-    if (!image) {
-      mesh_.warnings.push_back(fmt::format(
-          "{}: embedded texture {}: cannot be decoded as a picture", path_.string(), name));
-      return -1;
-    }
-    mesh_.textures.push_back(std::move(*image));
-    return static_cast<int32_t>(mesh_.textures.size()) - 1;
+    return AddTexture(path_, fmt::format("embedded texture {}", name), std::move(image), mesh_);
   }
 
   // `above` is the name of its parent (PartName()).

@@ -188,14 +188,7 @@ class GltfReader {
       const JsonPlace view = image.Member("bufferView");
       bytes = file_.BytesOfView(view);
     }
-    auto picture = DecodeTexture({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()});
-    if (!picture) {
-      mesh_.warnings.push_back(
-          fmt::format("{}: images[{}]: cannot be decoded as a picture", path_.string(), index));
-      return -1;
-    }
-    mesh_.textures.push_back(std::move(*picture));
-    return static_cast<int32_t>(mesh_.textures.size()) - 1;
+    return AddTexture(path_, fmt::format("images[{}]", index), DecodeTexture(bytes), mesh_);
   }
 
   std::vector<Primitive> ReadMesh(size_t index) {

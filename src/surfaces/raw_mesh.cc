@@ -345,13 +345,23 @@ void NumberMaterials(TriangleMesh& mesh) {
   }
 }
 
-std::optional<Image> DecodeTexture(std::span<const uint8_t> bytes) {
+std::optional<Image> DecodeTexture(std::string_view bytes) {
   try {
-    return DecodePicture({reinterpret_cast<const char*>(bytes.data()), bytes.size()},
-                         ImageChannels::kRgb);
+    return DecodePicture(bytes, ImageChannels::kRgb);
   } catch (const InputError&) {
     return std::nullopt;
   }
+}
+
+int32_t AddTexture(const std::filesystem::path& mesh_path, std::string_view what,
+                   std::optional<Image> picture, RawMesh& mesh) {
+  if (!picture) {
+    mesh.warnings.push_back(
+        fmt::format("{}: {}: cannot be decoded as a picture", mesh_path.string(), what));
+    return -1;
+  }
+  mesh.textures.push_back(std::move(*picture));
+  return static_cast<int32_t>(mesh.textures.size()) - 1;
 }
 
 bool IsBelow(const std::filesystem::path& mesh_path, std::string_view what,
@@ -371,18 +381,12 @@ int32_t AddTextureFile(const std::filesystem::path& mesh_path, const std::string
   if (!IsBelow(mesh_path, "texture", portable, mesh)) return -1;
   const std::filesystem::path path = mesh_path.parent_path() / portable;
   try {
-    const std::string bytes = ReadFile(path);
-    auto image = DecodeTexture({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()});
-    if (image) {
-      mesh.textures.push_back(std::move(*image));
-      return static_cast<int32_t>(mesh.textures.size()) - 1;
-    }
-    mesh.warnings.push_back(fmt::format("{}: texture {}: cannot be decoded as a picture",
-                                        mesh_path.string(), path.string()));
+    return AddTexture(mesh_path, fmt::format("texture {}", path.string()),
+                      DecodeTexture(ReadFile(path)), mesh);
   } catch (const InputError& error) {
     mesh.warnings.push_back(fmt::format("{}: texture {}", mesh_path.string(), error.what()));
+    return -1;
   }
-  return -1;
 }
 
 }  // namespace raylift

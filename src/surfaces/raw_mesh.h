@@ -101,7 +101,12 @@ uint32_t MaterialOf(std::string_view name, std::map<std::string, uint32_t, std::
 void NumberMaterials(TriangleMesh& mesh);
 
 // Returns the picture as RGB; nullopt if the bytes are no picture that can be decoded.
-std::optional<Image> DecodeTexture(std::span<const uint8_t> bytes);
+std::optional<Image> DecodeTexture(std::string_view bytes);
+
+// Adds a decoded picture to the textures and returns its index; where there is none, returns -1 and
+// warns of `what`, as the message calls it.
+int32_t AddTexture(const std::filesystem::path& mesh_path, std::string_view what,
+                   std::optional<Image> picture, RawMesh& mesh);
 
 // Returns whether a file that the mesh file names may be read, and warns where it may not.
 bool IsBelow(const std::filesystem::path& mesh_path, std::string_view what,
