@@ -11,7 +11,7 @@
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/datasets/dataset.h"
-#include "raylift/io/view_list.h"
+#include "raylift/io/query_list.h"
 
 namespace raylift {
 namespace {

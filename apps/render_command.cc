@@ -29,7 +29,7 @@
 #include "raylift/base/text.h"
 #include "raylift/datasets/dataset.h"
 #include "raylift/io/colmap_model.h"
-#include "raylift/io/view_list.h"
+#include "raylift/io/query_list.h"
 #include "raylift/report/geometry_report.h"
 #include "raylift/scene/photographs.h"
 #include "raylift/views/mesh_scene.h"

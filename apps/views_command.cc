@@ -20,7 +20,7 @@
 #include "raylift/base/text.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/image_file.h"
-#include "raylift/io/view_list.h"
+#include "raylift/io/query_list.h"
 #include "raylift/views/mesh_scene.h"
 #include "raylift/views/rendered_references.h"
 #include "raylift/views/view_sampler.h"

@@ -6,7 +6,7 @@
 #include "io/text/line_tokens.h"
 
 #include "raylift/base/parallel.h"
-#include "raylift/io/view_list.h"
+#include "raylift/io/query_list.h"
 
 namespace raylift::python {
 namespace {

@@ -3,7 +3,7 @@
 #include "apps/python/conversions.h"
 
 #include "raylift/base/text.h"
-#include "raylift/io/view_list.h"
+#include "raylift/io/query_list.h"
 
 namespace raylift::python {
 namespace {

@@ -10,7 +10,7 @@
 
 #include "raylift/base/parallel.h"
 #include "raylift/evaluation/depth_errors.h"
-#include "raylift/io/view_list.h"
+#include "raylift/io/query_list.h"
 #include "raylift/renderers/frame_renderer.h"
 #include "raylift/surfaces/splats.h"
 #include "raylift/views/render_job.h"

@@ -1,5 +1,5 @@
 // The decoders of single formats, which throw std::runtime_error for what is damaged. Their callers
-// have looked at the claimed size (picture_header.h).
+// have looked at the claimed size (picture_codec.h).
 
 #pragma once
 

@@ -5,7 +5,7 @@
 #include "lifting/mesh_spec.h"
 
 #include "raylift/evaluation/pose_errors.h"
-#include "raylift/io/view_list.h"
+#include "raylift/io/query_list.h"
 #include "raylift/jobs/shard.h"
 #include "raylift/lifting/geometry_spec.h"
 

@@ -9,7 +9,6 @@
 #include "raylift/io/pose_problem_json.h"
 #include "raylift/io/query_list.h"
 #include "raylift/io/scene_file.h"
-#include "raylift/io/view_list.h"
 
 namespace raylift {
 namespace {

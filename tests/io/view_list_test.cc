@@ -1,10 +1,9 @@
-#include "raylift/io/view_list.h"
-
 #include "support/matchers.h"
 #include "support/test_data.h"
 #include <gtest/gtest.h>
 
 #include "raylift/base/file.h"
+#include "raylift/io/query_list.h"
 
 namespace raylift {
 namespace {

@@ -1,5 +1,5 @@
-// Lists of query photographs with intrinsics, which of them one rig has taken, and lists of poses:
-// the field's plain text files.
+// Lists of query photographs with intrinsics, which of them one rig has taken, and lists of poses,
+// of views and of points: the field's plain text files.
 
 #pragma once
 
@@ -9,6 +9,8 @@
 #include <span>
 #include <string>
 #include <vector>
+
+#include <Eigen/Core>
 
 #include "raylift/geometry/camera.h"
 #include "raylift/geometry/rigid3.h"
@@ -75,5 +77,18 @@ std::map<std::string, Rigid3> ReadModelOrPoses(const std::filesystem::path& mode
 // no other query, or that the file does not know, stay as they are. Throws InputError where it
 // knows none at all, and for a camera without known pose in its rig.
 void TakeRigs(const std::filesystem::path& file_or_model, std::span<Query> queries);
+
+// Lines `name qw qx qy qz tx ty tz MODEL width height params...` (a line of a pose file, world to
+// camera, followed by one of COLMAP's cameras, or by EQUIRECTANGULAR width height); `#` comments
+// and empty lines are skipped. Throws InputError for anything else, and for a name that stands
+// twice.
+std::vector<View> ReadViewList(const std::filesystem::path& path);
+
+// "MODEL width height params..." as in the lists. Throws InputError naming `what` for anything
+// else.
+Camera ParseCamera(const std::string& what, const std::string& text);
+
+// Lines `x y z`; `#` comments and empty lines are skipped.
+std::vector<Eigen::Vector3d> ReadPointList(const std::filesystem::path& path);
 
 }  // namespace raylift

@@ -14,7 +14,6 @@
 #include "raylift/base/file.h"
 #include "raylift/base/text.h"
 #include "raylift/io/query_list.h"
-#include "raylift/io/view_list.h"
 
 namespace raylift {
 namespace {

@@ -10,7 +10,7 @@
 #include "localization/fields.h"
 #include <fmt/format.h>
 
-#include "raylift/io/view_list.h"
+#include "raylift/io/query_list.h"
 
 namespace raylift {
 namespace {
