@@ -103,6 +103,12 @@ void ParallelFor(size_t count, int threads, const std::function<void(size_t)>& b
   if (first_exception) std::rethrow_exception(first_exception);
 }
 
+void ParallelForParts(size_t count, size_t part, int threads,
+                      const std::function<void(size_t begin, size_t end)>& body) {
+  ParallelFor((count + part - 1) / part, threads,
+              [&](size_t i) { body(i * part, std::min((i + 1) * part, count)); });
+}
+
 CallWatch::CallWatch(Hooks hooks)
     : hooks_(std::move(hooks)),
       caller_(std::this_thread::get_id()),

@@ -280,10 +280,8 @@ struct DistanceGrid::Impl {
   template <typename Body>
   void ForBlocks(const Body& body) {
     ListBlocks();
-    const size_t items = (blocks.size() + kBlocksPerItem - 1) / kBlocksPerItem;
-    ParallelFor(items, options.threads, [&](size_t item) {
-      const size_t end = std::min((item + 1) * kBlocksPerItem, blocks.size());
-      for (size_t i = item * kBlocksPerItem; i < end; ++i) body(i);
+    ParallelForParts(blocks.size(), kBlocksPerItem, options.threads, [&](size_t begin, size_t end) {
+      for (size_t i = begin; i < end; ++i) body(i);
     });
   }
 

@@ -138,13 +138,6 @@ class TriangleReader {
   }
 
  private:
-  // Calls body(begin, end) for parts of [0, count), in parallel.
-  template <typename Body>
-  void ForEachChunk(size_t count, const Body& body) const {
-    ParallelFor((count + kChunk - 1) / kChunk, threads_,
-                [&](size_t chunk) { body(chunk * kChunk, std::min(count, (chunk + 1) * kChunk)); });
-  }
-
   // Supposes that all vertices are used, and does the vertices again where that is not so and
   // another origin follows from it.
   template <typename T>
@@ -174,7 +167,7 @@ class TriangleReader {
     mesh_.triangles.resize(num_faces_);
     used_.resize(num_vertices_);
     std::atomic<bool> good{true};
-    ForEachChunk(num_faces_, [&](size_t begin, size_t end) {
+    ParallelForParts(num_faces_, kChunk, threads_, [&](size_t begin, size_t end) {
       const char* record = face_bytes_ + begin * faces_.stride;
       std::array<uint32_t, 3>* const triangles = mesh_.triangles.data();
       bool without_area = false;
@@ -206,7 +199,7 @@ class TriangleReader {
   template <typename T, typename Include>
   Eigen::AlignedBox3d Bounds(const Include& include) {
     std::vector<Eigen::AlignedBox3d> boxes((num_vertices_ + kChunk - 1) / kChunk);
-    ForEachChunk(num_vertices_, [&](size_t begin, size_t end) {
+    ParallelForParts(num_vertices_, kChunk, threads_, [&](size_t begin, size_t end) {
       Eigen::AlignedBox3d box;
       for (size_t i = begin; i < end; ++i) {
         if (!include(i)) continue;
@@ -230,7 +223,7 @@ class TriangleReader {
     AdviseLargePages(mesh_.vertices.data(), num_vertices_ * sizeof(mesh_.vertices[0]));
     mesh_.vertices.resize(num_vertices_);
     if (vertices_.color) mesh_.vertex_colors_rgb.resize(num_vertices_);
-    ForEachChunk(num_vertices_, [&](size_t begin, size_t end) {
+    ParallelForParts(num_vertices_, kChunk, threads_, [&](size_t begin, size_t end) {
       for (size_t i = begin; i < end; ++i) {
         const char* record = vertex_bytes_ + i * vertices_.stride;
         mesh_.vertices[i] =
@@ -280,7 +273,7 @@ class TriangleReader {
     }
     mesh_.vertices.resize(kept);
     if (vertices_.color) mesh_.vertex_colors_rgb.resize(kept);
-    ForEachChunk(mesh_.triangles.size(), [&](size_t begin, size_t end) {
+    ParallelForParts(mesh_.triangles.size(), kChunk, threads_, [&](size_t begin, size_t end) {
       for (size_t i = begin; i < end; ++i) {
         for (uint32_t& corner : mesh_.triangles[i]) corner = new_index[corner];
       }

@@ -106,9 +106,9 @@ class DiscMaker {
  private:
   template <typename Body>
   void ForEachChunk(const Body& body) const {
-    ParallelFor((tree_.size() + kPointsPerTask - 1) / kPointsPerTask, options_.threads, [&](size_t chunk) {
+    ParallelForParts(tree_.size(), kPointsPerTask, options_.threads, [&](size_t begin, size_t end) {
       std::vector<Neighbor> room(static_cast<size_t>(options_.neighbors));
-      body(chunk * kPointsPerTask, std::min((chunk + 1) * kPointsPerTask, tree_.size()), room);
+      body(begin, end, room);
     });
   }
 

@@ -246,11 +246,8 @@ class Coloring {
         samples_(mesh.vertices.size()) {}
 
   void LookThrough(uint32_t photograph, const Pyramid& pyramid, int threads) {
-    const size_t items = (mesh_.vertices.size() + kVerticesPerItem - 1) / kVerticesPerItem;
-    ParallelFor(items, threads, [&](size_t item) {
-      const size_t begin = item * kVerticesPerItem;
-      LookAt(photograph, pyramid, begin, std::min(begin + kVerticesPerItem, mesh_.vertices.size()));
-    });
+    ParallelForParts(mesh_.vertices.size(), kVerticesPerItem, threads,
+                     [&](size_t begin, size_t end) { LookAt(photograph, pyramid, begin, end); });
   }
 
   void ChooseSides() {
@@ -280,15 +277,11 @@ class Coloring {
 
   void Blend(std::span<const Vector3d> factors, int threads, VertexColoring& coloring) const {
     coloring.colors_rgb.assign(samples_.size(), kUnseen);
-    ParallelFor((samples_.size() + kVerticesPerItem - 1) / kVerticesPerItem, threads,
-                [&](size_t item) {
-                  const size_t begin = item * kVerticesPerItem;
-                  const size_t end = std::min(begin + kVerticesPerItem, samples_.size());
-                  for (size_t v = begin; v < end; ++v) {
-                    if (!samples_[v].empty())
-                      coloring.colors_rgb[v] = Blended(samples_[v], factors);
-                  }
-                });
+    ParallelForParts(samples_.size(), kVerticesPerItem, threads, [&](size_t begin, size_t end) {
+      for (size_t v = begin; v < end; ++v) {
+        if (!samples_[v].empty()) coloring.colors_rgb[v] = Blended(samples_[v], factors);
+      }
+    });
     std::vector<double> spacings, pixels;
     for (size_t v = 0; v < samples_.size(); ++v) {
       if (samples_[v].empty()) continue;

@@ -20,6 +20,11 @@ int ResolveThreads(int threads);
 // the lowest index among those that were thrown is rethrown after the running items end.
 void ParallelFor(size_t count, int threads, const std::function<void(size_t)>& body);
 
+// Calls body(begin, end) likewise for parts of 0 ... count - 1 of `part` items each, the last one
+// of what is left.
+void ParallelForParts(size_t count, size_t part, int threads,
+                      const std::function<void(size_t begin, size_t end)>& body);
+
 // A caller that is no command line (a binding to another language, a window) follows a long call
 // and ends it by a CallWatch: loops of ParallelFor() ask between their items whether to go on, and
 // report what Progress counts.
