@@ -111,10 +111,6 @@ std::vector<std::string> ListFiles(const std::filesystem::path& folder, const st
 // The color camera. Throws InputError naming file and key for anything else.
 Camera ReadColorCamera(const std::filesystem::path& info);
 
-// A PINHOLE whose center is counted from the center of the first pixel, as SensReader does
-// (sensorData.h projects to whole pixels): half a pixel more here.
-Camera CameraOfSensor(int width_px, int height_px, double fx, double fy, double cx, double cy);
-
 // The sensors, records and trajectories of a kapture data set (format 1.x): CSV files below
 // `sensors`; and those of a capture (github.com/microsoft/lamar-benchmark, CAPTURE.md), which have
 // other names, no header, and all poses the other way round.

@@ -59,6 +59,13 @@ class Info {
   std::map<std::string, std::string> values_;
 };
 
+// A PINHOLE whose center is counted from the center of the first pixel, as SensReader does
+// (sensorData.h projects to whole pixels): half a pixel more here.
+Camera CameraOfSensor(int width_px, int height_px, double fx, double fy, double cx, double cy) {
+  return Camera(CameraModel::kPinhole, width_px, height_px,
+                std::vector<double>{fx, fy, cx + 0.5, cy + 0.5});
+}
+
 }  // namespace
 
 Camera ReadColorCamera(const path& file) {
@@ -70,11 +77,6 @@ Camera ReadColorCamera(const path& file) {
   } catch (const InputError& error) {
     throw InputError(file, "m_calibrationColorIntrinsic", error.what());
   }
-}
-
-Camera CameraOfSensor(int width_px, int height_px, double fx, double fy, double cx, double cy) {
-  return Camera(CameraModel::kPinhole, width_px, height_px,
-                std::vector<double>{fx, fy, cx + 0.5, cy + 0.5});
 }
 
 // ScanNet (Dai et al., CVPR 2017), as either of its SensReaders exports a scene. Python's: color/

@@ -73,7 +73,6 @@ RawMesh ReadCityGml(const std::filesystem::path& path, std::string_view contents
                     std::optional<double> level);
 
 // Read point clouds, which may hold points that are not finite, and no point at all.
-PointCloud ReadPlyCloud(const std::filesystem::path& path, std::string_view contents);
 PointCloud ReadLasCloud(const std::filesystem::path& path, std::string_view contents);
 PointCloud ReadPcdCloud(const std::filesystem::path& path, std::string_view contents);
 PointCloud ReadTextCloud(const std::filesystem::path& path, std::string_view contents);

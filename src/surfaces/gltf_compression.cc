@@ -17,6 +17,10 @@
 namespace raylift {
 namespace {
 
+// More bytes of one never come out: 16 vertices whose bytes do not change take two bits, a triangle
+// of three indices one byte.
+constexpr size_t kMostMeshoptRatio = 64;
+
 draco::DecoderBuffer BufferOf(std::string_view bytes) {
   draco::DecoderBuffer buffer;
   buffer.Init(bytes.data(), bytes.size());

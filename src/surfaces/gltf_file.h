@@ -48,10 +48,6 @@ struct DracoMesh {
 // Throws InputError where the bytes are no such mesh, or claim more than they can hold.
 DracoMesh DecodeDraco(std::string_view bytes, std::span<const DracoAttribute> attributes);
 
-// More bytes of one never come out: 16 vertices whose bytes do not change take two bits, a triangle
-// of three indices one byte.
-inline constexpr size_t kMostMeshoptRatio = 64;
-
 // The members of EXT_meshopt_compression.
 struct MeshoptView {
   std::string mode;

@@ -18,6 +18,15 @@ constexpr auto kTextExtensions =
 constexpr auto kExtensions = std::to_array<std::string_view>(
     {".ply", ".las", ".pcd", ".xyz", ".txt", ".asc", ".pts", ".csv"});
 
+PointCloud ReadPlyCloud(const std::filesystem::path& path, std::string_view contents) {
+  RawMesh mesh = ReadPly(path, ParsePlyHeader(path, contents), contents);
+  PointCloud cloud;
+  cloud.points_in_world = std::move(mesh.positions);
+  cloud.normals = std::move(mesh.position_normals);
+  cloud.colors_rgb = std::move(mesh.position_colors);
+  return cloud;
+}
+
 PointCloud ReadByExtension(const std::filesystem::path& path) {
   const std::string extension = LowerExtension(path);
   if (extension == ".laz") {
@@ -63,15 +72,6 @@ void Append(std::vector<T>&& from, std::vector<T>& to) {
 }
 
 }  // namespace
-
-PointCloud ReadPlyCloud(const std::filesystem::path& path, std::string_view contents) {
-  RawMesh mesh = ReadPly(path, ParsePlyHeader(path, contents), contents);
-  PointCloud cloud;
-  cloud.points_in_world = std::move(mesh.positions);
-  cloud.normals = std::move(mesh.position_normals);
-  cloud.colors_rgb = std::move(mesh.position_colors);
-  return cloud;
-}
 
 PointCloud ReadPointCloud(const std::filesystem::path& path) {
   PointCloud cloud = ReadByExtension(path);

@@ -37,10 +37,6 @@ std::string TaskKey(const std::string& header, const RenderTask& task);
 std::string TaskFile(const RenderTask& task, const ProductOutput& output);
 std::vector<std::string> TaskFiles(const RenderTask& task, std::span<const ProductOutput> products);
 
-// nullopt if the line is no entry of a manifest.
-std::optional<ManifestEntry> ParseEntry(const std::string& line);
-ManifestEntries EntriesOf(const TaskManifest& manifest);
-
 // Removes what a killed run has left of these files: half-written ones under temporary names.
 void RemoveLeftovers(const std::filesystem::path& out, std::span<const std::string> files);
 

@@ -24,9 +24,42 @@
 #include "raylift/renderers/pixel_rays.h"
 
 namespace raylift {
-namespace {
 
 using std::filesystem::path;
+
+static void Members(JsonMembers& members, ManifestEntry& entry) {
+  members("name", entry.name);
+  members.If(true, "place", entry.place);
+  members("key", entry.key);
+  members("camera", entry.camera);
+  members("pixels", entry.pixels);
+  members("hits", entry.hits);
+  members("depth_range", entry.depth_range);
+  members("dropped", entry.dropped);
+  members("files", entry.files);
+}
+
+std::string ToJsonLine(const ManifestEntry& entry) { return JsonText(ToJson(entry)); }
+
+// Returns nullopt if the line is no entry of a manifest.
+static std::optional<ManifestEntry> ParseEntry(const std::string& line) {
+  try {
+    return ParseJson<ManifestEntry>(line);
+  } catch (const InputError&) {
+    return std::nullopt;
+  }
+}
+
+ManifestEntries ReadManifest(const path& file) {
+  ManifestEntries entries;
+  for (const std::string& line : ReadManifestText(file).lines) {
+    if (auto entry = ParseEntry(line)) entries.insert_or_assign(entry->name, std::move(*entry));
+  }
+  return entries;
+}
+
+namespace {
+
 using Clock = std::chrono::steady_clock;
 
 double SecondsSince(Clock::time_point start) {
@@ -221,6 +254,15 @@ std::vector<RenderTask> ByName(std::vector<RenderTask> tasks) {
   return tasks;
 }
 
+ManifestEntries EntriesOf(const TaskManifest& manifest) {
+  ManifestEntries entries;
+  for (const auto& [key, record] : manifest.records) {
+    ManifestEntry entry = ParseEntry(record.line).value();
+    entries.emplace(entry.name, std::move(entry));
+  }
+  return entries;
+}
+
 class RenderJob {
  public:
   RenderJob(const std::shared_ptr<const RayCaster>& scene, std::vector<RenderTask> tasks,
@@ -397,45 +439,6 @@ RenderSummary RunRenderJob(const std::shared_ptr<const RayCaster>& scene,
   CheckCameraFiles(tasks, options);
   RequireIds(options.products, scene->mesh());
   return RenderJob(scene, std::move(tasks), options, hooks).Run();
-}
-
-static void Members(JsonMembers& members, ManifestEntry& entry) {
-  members("name", entry.name);
-  members.If(true, "place", entry.place);
-  members("key", entry.key);
-  members("camera", entry.camera);
-  members("pixels", entry.pixels);
-  members("hits", entry.hits);
-  members("depth_range", entry.depth_range);
-  members("dropped", entry.dropped);
-  members("files", entry.files);
-}
-
-std::string ToJsonLine(const ManifestEntry& entry) { return JsonText(ToJson(entry)); }
-
-std::optional<ManifestEntry> ParseEntry(const std::string& line) {
-  try {
-    return ParseJson<ManifestEntry>(line);
-  } catch (const InputError&) {
-    return std::nullopt;
-  }
-}
-
-ManifestEntries ReadManifest(const path& file) {
-  ManifestEntries entries;
-  for (const std::string& line : ReadManifestText(file).lines) {
-    if (auto entry = ParseEntry(line)) entries.insert_or_assign(entry->name, std::move(*entry));
-  }
-  return entries;
-}
-
-ManifestEntries EntriesOf(const TaskManifest& manifest) {
-  ManifestEntries entries;
-  for (const auto& [key, record] : manifest.records) {
-    ManifestEntry entry = ParseEntry(record.line).value();
-    entries.emplace(entry.name, std::move(entry));
-  }
-  return entries;
 }
 
 }  // namespace raylift

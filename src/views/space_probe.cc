@@ -137,8 +137,7 @@ std::vector<GroundCell> LargestArea(const std::vector<GroundCell>& cells, const 
   return area;
 }
 
-}  // namespace
-
+// Evenly spread unit vectors (a spiral of Fibonacci).
 std::vector<Eigen::Vector3d> SpreadDirections(int count) {
   const double golden_angle = std::numbers::pi * (3 - std::sqrt(5.0));
   std::vector<Eigen::Vector3d> directions;
@@ -150,6 +149,8 @@ std::vector<Eigen::Vector3d> SpreadDirections(int count) {
   }
   return directions;
 }
+
+}  // namespace
 
 Surroundings ProbeSurroundings(const RayCaster& mesh, const Eigen::Vector3d& center,
                                int directions) {

@@ -16,9 +16,6 @@
 
 namespace raylift {
 
-// Evenly spread unit vectors (a spiral of Fibonacci).
-std::vector<Eigen::Vector3d> SpreadDirections(int count);
-
 struct Surroundings {
   double clearance;    // distance to the nearest surface in any direction; infinite: none
   double front_share;  // of the surfaces that are seen, those seen from their front; 1: none seen

@@ -1,5 +1,5 @@
-// Plain text files of numbers and names, read strictly: a wrong token is an error with its line; and
-// what else is done with names, numbers and tables as text.
+// Plain text files of numbers and names, read strictly, so that a wrong token is an error with its
+// line; and what else is done with names, numbers and tables as text.
 
 #pragma once
 

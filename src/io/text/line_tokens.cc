@@ -11,6 +11,8 @@
 namespace raylift {
 
 std::optional<Eigen::Quaterniond> UnitQuaternion(const Eigen::Vector4d& qvec_wxyz) {
+  // Rounding makes files be off by so much; more than that is another quantity.
+  constexpr double kUnitLengthTolerance = 1e-3;
   constexpr double kRounding = 1e-12;
   Eigen::Quaterniond q(qvec_wxyz[0], qvec_wxyz[1], qvec_wxyz[2], qvec_wxyz[3]);
   const double deviation = std::abs(q.norm() - 1);

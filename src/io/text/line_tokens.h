@@ -73,9 +73,6 @@ std::string NameText(const std::filesystem::path& file, const std::string& name)
 // The seven numbers of LineTokens::Pose().
 std::string FormatPose(const Rigid3& pose, std::string_view separator = " ");
 
-// Rounding makes files of this kind be off by so much; more than that is another quantity.
-inline constexpr double kUnitLengthTolerance = 1e-3;
-
 // Returns the unit quaternion, nullopt if the length is not 1 within the tolerance. One that is of
 // unit length up to rounding stays as it is, so that it is written back with the same digits.
 std::optional<Eigen::Quaterniond> UnitQuaternion(const Eigen::Vector4d& qvec_wxyz);
