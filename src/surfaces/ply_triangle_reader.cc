@@ -16,7 +16,7 @@
 namespace raylift {
 namespace {
 
-constexpr size_t kChunk = size_t{1} << 16;  // records per task
+constexpr size_t kRecordsPerTask = size_t{1} << 16;
 
 struct VertexLayout {
   size_t stride = 0;
@@ -167,7 +167,7 @@ class TriangleReader {
     mesh_.triangles.resize(num_faces_);
     used_.resize(num_vertices_);
     std::atomic<bool> good{true};
-    ParallelForParts(num_faces_, kChunk, threads_, [&](size_t begin, size_t end) {
+    ParallelForParts(num_faces_, kRecordsPerTask, threads_, [&](size_t begin, size_t end) {
       const char* record = face_bytes_ + begin * faces_.stride;
       std::array<uint32_t, 3>* const triangles = mesh_.triangles.data();
       bool without_area = false;
@@ -198,8 +198,8 @@ class TriangleReader {
   // whether there are others.
   template <typename T, typename Include>
   Eigen::AlignedBox3d Bounds(const Include& include) {
-    std::vector<Eigen::AlignedBox3d> boxes((num_vertices_ + kChunk - 1) / kChunk);
-    ParallelForParts(num_vertices_, kChunk, threads_, [&](size_t begin, size_t end) {
+    std::vector<Eigen::AlignedBox3d> boxes((num_vertices_ + kRecordsPerTask - 1) / kRecordsPerTask);
+    ParallelForParts(num_vertices_, kRecordsPerTask, threads_, [&](size_t begin, size_t end) {
       Eigen::AlignedBox3d box;
       for (size_t i = begin; i < end; ++i) {
         if (!include(i)) continue;
@@ -210,7 +210,7 @@ class TriangleReader {
           any_unusable_ = true;
         }
       }
-      boxes[begin / kChunk] = box;
+      boxes[begin / kRecordsPerTask] = box;
     });
     Eigen::AlignedBox3d all;
     for (const Eigen::AlignedBox3d& box : boxes) all.extend(box);
@@ -223,7 +223,7 @@ class TriangleReader {
     AdviseLargePages(mesh_.vertices.data(), num_vertices_ * sizeof(mesh_.vertices[0]));
     mesh_.vertices.resize(num_vertices_);
     if (vertices_.color) mesh_.vertex_colors_rgb.resize(num_vertices_);
-    ParallelForParts(num_vertices_, kChunk, threads_, [&](size_t begin, size_t end) {
+    ParallelForParts(num_vertices_, kRecordsPerTask, threads_, [&](size_t begin, size_t end) {
       for (size_t i = begin; i < end; ++i) {
         const char* record = vertex_bytes_ + i * vertices_.stride;
         mesh_.vertices[i] =
@@ -273,11 +273,12 @@ class TriangleReader {
     }
     mesh_.vertices.resize(kept);
     if (vertices_.color) mesh_.vertex_colors_rgb.resize(kept);
-    ParallelForParts(mesh_.triangles.size(), kChunk, threads_, [&](size_t begin, size_t end) {
-      for (size_t i = begin; i < end; ++i) {
-        for (uint32_t& corner : mesh_.triangles[i]) corner = new_index[corner];
-      }
-    });
+    ParallelForParts(mesh_.triangles.size(), kRecordsPerTask, threads_,
+                     [&](size_t begin, size_t end) {
+                       for (size_t i = begin; i < end; ++i) {
+                         for (uint32_t& corner : mesh_.triangles[i]) corner = new_index[corner];
+                       }
+                     });
   }
 
   const VertexLayout& vertices_;
