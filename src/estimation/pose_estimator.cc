@@ -40,29 +40,6 @@ void EstimatorOptions::Validate() const {
           "must lie between 0 and 1");
 }
 
-namespace {
-
-// Returns the one RANSAC of a method; HLoc's of each cluster, and Select's first.
-RansacMethod RansacMethodOf(const EstimatorOptions& options) {
-  switch (options.method) {
-    case Method::kP3p:
-    case Method::kHloc:
-    case Method::kSelect:
-      break;
-    case Method::kE5p1:
-      return E5p1Method(options);
-    case Method::kD3p1:
-      return D3p1Method(options);
-    case Method::kAdaptive:
-      return AdaptiveMethod(options);
-    case Method::kHybridRansac:
-      return HybridRansacMethod();
-  }
-  return P3pMethod(options);
-}
-
-}  // namespace
-
 std::unique_ptr<PoseEstimator> MakePoseEstimator(const EstimatorOptions& options) {
   options.Validate();
   if (options.method == Method::kSelect) return MakeSelectEstimator(options);

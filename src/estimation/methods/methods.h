@@ -1,6 +1,5 @@
 // How the methods are made of one LO-RANSAC: which samplers draw, by which score poses are
-// compared, which matches optimize a new best pose locally, and which refine the last one. Each
-// method's file says it.
+// compared, which matches optimize a new best pose locally, and which refine the last one.
 
 #pragma once
 
@@ -34,9 +33,8 @@ struct RansacMethod {
 };
 RansacMethod P3pMethod(const EstimatorOptions& options);
 RansacMethod E5p1Method(const EstimatorOptions& options);
-RansacMethod D3p1Method(const EstimatorOptions& options);
-RansacMethod AdaptiveMethod(const EstimatorOptions& options);
-RansacMethod HybridRansacMethod();
+// Returns the one RANSAC of a method; HLoc's of each cluster, and Select's first.
+RansacMethod RansacMethodOf(const EstimatorOptions& options);
 
 // A refined pose keeps at least this share of what RANSAC's gains over a pose that nothing fits.
 inline constexpr double kKeptGain = 0.5;
