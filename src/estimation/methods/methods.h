@@ -66,10 +66,9 @@ class RansacEstimator final : public PoseEstimator {
   RefinedPose Refine(const NormalizedProblem& problem,
                      const std::optional<KeypointEvidence>& evidence, const PoseScore& pose_score,
                      const RansacReport& report, PoseEstimate& estimate) const;
-  // Fills what follows from the refined pose, by the residuals through the lens that it was found
-  // with.
-  void Describe(const PoseProblem& problem, const NormalizedProblem& normalized,
-                const RefinedPose& refined, double num_poses_tried,
+  // Fills what follows from the final pose, by the residuals in `seen`.
+  void Describe(const PoseProblem& problem, const NormalizedProblem& seen,
+                const RefinedPose& final_pose, double num_poses_tried,
                 const std::vector<CamFromLocal>& alternatives, PoseEstimate& estimate) const;
   FailureReason WhyNoSample(const NormalizedProblem& problem) const;
   void RejectUnsupported(bool e5p1_observes_position, PoseEstimate& estimate) const;

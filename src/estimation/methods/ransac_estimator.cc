@@ -230,17 +230,9 @@ PoseEstimate RansacEstimator::EstimateWithCamera(const PoseProblem& problem,
   const auto conclude = [&](const RefinedPose& final_pose) {
     const double num_samples =
         std::min<double>(report.iterations, samplers.Of(estimate.solver).NumSamples());
-    DescribePose(normalized, final_pose, estimate);
     // A sample gives some two poses; each solver has its share of the false alarms.
-    AssessConfidence(
-        problem, normalized,
-        {.pose = final_pose.pose,
-         .position_sigma = estimate.position_sigma / normalized.scale,
-         .solver = estimate.solver,
-         .scored = method_.scored,
-         .num_poses_tried = 2.0 * num_samples * static_cast<double>(samplers.solvers().size()),
-         .alternatives = others},
-        options_, estimate);
+    Describe(problem, normalized, final_pose,
+             2.0 * num_samples * static_cast<double>(samplers.solvers().size()), others, estimate);
   };
   conclude(refined);
   // A pose between references that err as wholes may fit none of them; RANSAC's fits one at least.
@@ -302,15 +294,13 @@ RefinedPose RansacEstimator::Refine(const NormalizedProblem& problem,
   return refined;
 }
 
-void RansacEstimator::Describe(const PoseProblem& problem, const NormalizedProblem& normalized,
-                               const RefinedPose& refined, double num_poses_tried,
+void RansacEstimator::Describe(const PoseProblem& problem, const NormalizedProblem& seen,
+                               const RefinedPose& final_pose, double num_poses_tried,
                                const std::vector<CamFromLocal>& alternatives,
                                PoseEstimate& estimate) const {
-  const std::optional<NormalizedProblem> refocused = Refocused(normalized, refined);
-  const NormalizedProblem& seen = refocused ? *refocused : normalized;
-  DescribePose(seen, refined, estimate);
+  DescribePose(seen, final_pose, estimate);
   AssessConfidence(problem, seen,
-                   {.pose = refined.pose,
+                   {.pose = final_pose.pose,
                     .position_sigma = estimate.position_sigma / seen.scale,
                     .solver = estimate.solver,
                     .scored = method_.scored,
@@ -342,7 +332,8 @@ PoseEstimate RansacEstimator::RefineFrom(const PoseProblem& problem,
   report.best_value = pose_score.Value(Scorer(normalized, pose_score).ScoreAll(report.best->pose));
   estimate.ransac_value = report.best_value;
   const RefinedPose refined = Refine(normalized, evidence, pose_score, report, estimate);
-  Describe(problem, normalized, refined, 1, {}, estimate);
+  const std::optional<NormalizedProblem> refocused = Refocused(normalized, refined);
+  Describe(problem, refocused ? *refocused : normalized, refined, 1, {}, estimate);
   RejectUnsupported(E5p1Sampler(normalized).PositionObservable(), estimate);
   return estimate;
 }
