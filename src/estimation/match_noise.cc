@@ -4,6 +4,11 @@
 #include <cmath>
 #include <vector>
 
+#include "base/index_sets.h"
+#include "estimation/common_noise.h"
+#include "estimation/fields.h"
+
+#include "raylift/base/parallel.h"
 #include "raylift/estimation/pose_estimate.h"
 
 namespace raylift {
@@ -91,6 +96,31 @@ std::optional<SceneNoise> CommonNoise(std::span<const PoseEstimate> estimates) {
   }
   if (noise.size() < kLeastForCommonNoise) return std::nullopt;
   return PoolNoise(noise);
+}
+
+std::optional<SceneNoise> LearnSceneNoise(size_t count,
+                                          const std::function<PoseProblem(size_t)>& problem_at,
+                                          const EstimatorOptions& options, int threads) {
+  constexpr size_t kProblems = 30;
+  if (!UsesSceneNoise(options) || count < kLeastForCommonNoise) return std::nullopt;
+  const auto estimator = MakePoseEstimator(options);
+  const std::vector<size_t> sample = EvenlySpaced(count, kProblems);
+  std::vector<PoseEstimate> estimates(sample.size());
+  ParallelFor(sample.size(), threads,
+              [&](size_t i) { estimates[i] = estimator->Estimate(problem_at(sample[i])); });
+  return CommonNoise(estimates);
+}
+
+std::vector<Field> FieldsOf(MatchNoise& noise) {
+  return {
+      {"keypoint_px", noise.keypoint_px},
+      {"keypoint_tail", noise.keypoint_tail},
+      {"depth", noise.depth},
+      {"common_depth", noise.common_depth},
+      {"reference_factor", noise.reference_factor},
+      {"reference_rotation_deg", noise.reference_rotation_deg},
+      {"reference_position", noise.reference_position},
+  };
 }
 
 }  // namespace raylift
