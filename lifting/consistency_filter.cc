@@ -218,6 +218,45 @@ void KeepBest(const MultiViewTrust& trust, size_t count, FilterResult& result) {
 
 }  // namespace
 
+std::vector<Field> FieldsOf(ConsistencyThresholds& thresholds) {
+  return {
+      {"filter_reprojection_px", thresholds.reprojection_px,
+       "A reference agrees where the point lands this close to\n"
+       "the matched keypoint",
+       kPositive},
+      {"filter_min_views", thresholds.min_views,
+       "References that must agree, the point's own included", kAtLeastOne},
+      {"filter_min_ratio", thresholds.min_ratio,
+       "Share that must agree of the references that observe\n"
+       "the keypoint; 0: any",
+       kShare},
+  };
+}
+
+std::vector<Field> FieldsOf(FilterOptions& options) {
+  std::vector<Field> fields = {
+      {"filter", options.mode,
+       "Drop lifted points that too few references agree on:\n"
+       "{}. fixed helps noisy geometry and hurts accurate\n"
+       "geometry; auto leaves accurate geometry alone and needs none\n"
+       "of the options below"},
+  };
+  const std::vector<Field> thresholds = FieldsOf(options.thresholds);
+  fields.insert(fields.end(), thresholds.begin(), thresholds.end());
+  return fields;
+}
+
+std::vector<Field> FieldsOf(FilterCounts& counts) {
+  return {
+      {"consistent", counts.consistent, "Points that the filter keeps"},
+      {"dropped_by_views", counts.dropped_by_views, "Points that too few references see"},
+      {"dropped_by_ratio", counts.dropped_by_ratio, "Points that too many contradict"},
+      {"dropped_by_error", counts.dropped_by_error, "Points too far off, by their views"},
+      {"dropped_as_too_few", counts.dropped_as_too_few,
+       "Consistent points, of which too few remain"},
+  };
+}
+
 void ConsistencyThresholds::Validate() const { CheckRanges(ConstFieldsOf(*this)); }
 
 FilterResult FilterPoints(std::span<const PosedImage> references,

@@ -292,6 +292,27 @@ std::vector<Eigen::Vector3d> PointsOfPairs(const std::vector<KeypointRay>& rays,
 
 }  // namespace
 
+std::vector<Field> FieldsOf(CandidateOptions& options) {
+  return {
+      {"candidates", options.mode,
+       "The 3D points of a query keypoint, one per matched reference:\n"
+       "{}. Keep all, merge them to one by the\n"
+       "references' matched keypoints, or triangulate these and use no\n"
+       "--geometry"},
+      {"candidates_error_px", options.max_error_px,
+       "A reference counts for a merged or triangulated point that\n"
+       "projects this close to its keypoint",
+       kPositive},
+      {"candidates_min_angle_deg", options.min_angle_deg,
+       "Smallest angle between rays that a point is triangulated or\n"
+       "refined from",
+       Range{.says = "must be at least 0 and below 90",
+             .least = 0,
+             .most = 90,
+             .without_most = true}},
+  };
+}
+
 void CandidateOptions::Validate() const { CheckRanges(ConstFieldsOf(*this)); }
 
 std::vector<Match2D3D> MergeCandidates(std::span<const PosedImage> references,
