@@ -1,9 +1,10 @@
-// Conversion of stored depth to DepthMap: patterns of file names, presets, orientation, units, and
-// the registration of a sensor's map to the photograph.
+// Conversion of stored depth to DepthMap: patterns of file names, presets, orientation, the part
+// of the image, units, and the registration of a sensor's map to the photograph.
 
 #pragma once
 
 #include <cstddef>
+#include <filesystem>
 #include <optional>
 #include <span>
 #include <string>
@@ -12,6 +13,7 @@
 
 #include "raylift/io/depth_file.h"
 #include "raylift/lifting/depth_source.h"
+#include "raylift/scene/image.h"
 
 namespace raylift {
 
@@ -32,6 +34,11 @@ double StoredUnit(const StoredDepth& stored, const DepthConvention& convention);
 
 // The samples as they lie in the image.
 StoredDepth Oriented(StoredDepth stored, MapOrientation orientation);
+
+// Returns the map on the whole photograph: 0 where it has no samples, and without those beyond it.
+// InputError naming the file where the photograph would take more samples than a map can have.
+StoredDepth OnWholeImage(StoredDepth map, MapFit fit, PlaneSize image,
+                         const std::filesystem::path& file_for_messages);
 
 // The map in our convention, for an image with this camera (of any resolution: the intrinsics are
 // scaled by the ratio of the sizes). `ray_z` may hold RayZOfPixels of the scaled camera, else it is

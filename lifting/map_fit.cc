@@ -1,10 +1,12 @@
-#include "lifting/map_fit.h"
+// Networks take pictures of few sizes: they stretch, cut or pad a photograph before they make a map
+// of it. Cut and padded maps are laid into the photograph again here, sample by sample.
 
 #include <algorithm>
 #include <cmath>
 #include <utility>
 
 #include "base/read_limits.h"
+#include "lifting/depth_convention.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
