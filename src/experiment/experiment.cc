@@ -162,15 +162,12 @@ const ExperimentScene& Experiment::SceneOf(const Setting& setting) const {
   return *found;
 }
 
-const NamedFilter& Experiment::FilterNamed(const std::string& name) const {
+const NamedFilter& Experiment::FilterOf(const Setting& setting) const {
+  const auto& name = std::get<std::string>(setting[Axis::kFilter]);
   const auto found = std::find_if(filters.begin(), filters.end(),
                                   [&](const NamedFilter& filter) { return filter.name == name; });
   RAYLIFT_CHECK(found != filters.end());
   return *found;
-}
-
-const NamedFilter& Experiment::FilterOf(const Setting& setting) const {
-  return FilterNamed(std::get<std::string>(setting[Axis::kFilter]));
 }
 
 const ExperimentGeometry* Experiment::GeometryOf(const Setting& setting) const {

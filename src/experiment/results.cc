@@ -4,6 +4,7 @@
 #include <limits>
 #include <map>
 
+#include "base/statistics.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -122,9 +123,7 @@ double MedianOver(const std::vector<Comparison>& comparisons, const Value& value
     }
   }
   if (values.empty()) return std::numeric_limits<double>::infinity();
-  std::sort(values.begin(), values.end());
-  const size_t upper = values.size() / 2;
-  return values.size() % 2 == 1 ? values[upper] : 0.5 * values[upper - 1] + 0.5 * values[upper];
+  return MidpointMedianInPlace(std::span(values));
 }
 
 // A name that any file system takes.

@@ -28,15 +28,6 @@ namespace {
 
 using std::filesystem::path;
 
-// Where "depth:FOLDER" finds it.
-path FileOfImage(const path& folder, const std::string& image) {
-  path file = folder;
-  for (const path& part : path(image).relative_path()) {
-    if (part != "..") file /= part;
-  }
-  return file.replace_extension("npy");
-}
-
 // Writes geometry made worse on purpose as depth maps of the references, unless the folder is
 // complete, and returns its specification. Throws InputError where the geometry is neither a mesh
 // nor depth maps.
@@ -56,7 +47,8 @@ std::string WritePerturbedDepth(const path& folder, const std::string& spec,
     ParallelFor(files.size(), threads, [&](size_t i) {
       const PosedImage& image = context.references[i];
       if (const auto map = geometry.MapOf(image)) {
-        files[i] = FileOfImage(folder, image.name);
+        // Where "depth:FOLDER" finds it.
+        files[i] = PathBelow(folder, image.name).replace_extension("npy");
         const CommittedFiles synced_later(CommittedFiles::Sync::kByPromise);
         WriteDepthFile(files[i], PerturbDepth(*map, perturbation, image.name));
       }

@@ -224,7 +224,6 @@ struct Experiment {
   std::vector<Claim> claims;
 
   const ExperimentScene& SceneOf(const Setting& setting) const;
-  const NamedFilter& FilterNamed(const std::string& name) const;
   // The setting must be one to which geometry matters.
   const NamedFilter& FilterOf(const Setting& setting) const;
   // Null where geometry does not matter to the setting, or its scene has none of that name.
