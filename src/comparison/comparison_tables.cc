@@ -195,8 +195,7 @@ std::vector<DepthMetric> MakeMetrics() {
 }
 
 std::string Cell(const Value& value, int digits) {
-  if (!value) return "";
-  return fmt::format("{:.{}f}", *value, digits);
+  return value ? fmt::format("{:.{}f}", *value, digits) : "-";
 }
 
 // Writes enough digits to tell values apart.
@@ -324,7 +323,7 @@ std::string ProtocolText(const DepthComparison& comparison, DepthProtocol protoc
         if (!is_compared(image)) return std::nullopt;
         return column.value(*image.errors.at(protocol));
       });
-      row.push_back(mean ? Cell(mean, column.digits) : "-");
+      row.push_back(Cell(mean, column.digits));
     }
     rows.push_back(std::move(row));
   }
@@ -409,12 +408,11 @@ std::string FormatComparisonText(const DepthComparison& comparison,
                                  std::span<const DepthProtocol> protocols) {
   std::vector<const DepthMetric*> columns;
   for (const std::string_view key : kPrinted) {
-    for (const DepthMetric& metric : DepthMetrics()) {
-      bool is_known = false;
-      for (const SourceComparison& source : comparison.sources) {
-        is_known = is_known || ValueOfSource(source, metric).has_value();
-      }
-      if (metric.key == key && is_known) columns.push_back(&metric);
+    const DepthMetric& metric = MetricOf(key);
+    if (std::any_of(comparison.sources.begin(), comparison.sources.end(), [&](const auto& source) {
+          return ValueOfSource(source, metric).has_value();
+        })) {
+      columns.push_back(&metric);
     }
   }
   TableRow header = {"source"};
@@ -423,8 +421,7 @@ std::string FormatComparisonText(const DepthComparison& comparison,
   for (const SourceComparison& source : comparison.sources) {
     TableRow row = {Printable(source.name) + (source.is_truth ? " (truth)" : "")};
     for (const DepthMetric* metric : columns) {
-      const Value value = ValueOfSource(source, *metric);
-      row.push_back(value ? Cell(value, metric->digits) : "-");
+      row.push_back(Cell(ValueOfSource(source, *metric), metric->digits));
     }
     rows.push_back(std::move(row));
   }

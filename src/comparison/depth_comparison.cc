@@ -106,18 +106,14 @@ void JudgeWithoutTruth(SourceComparison& source) {
 
 void Judge(bool has_truth, SourceComparison& source) {
   SourceTraits& traits = source.traits;
-  const auto median = [&](const ValueOfImage& value) { return MedianOverImages(source, value); };
-  if (has_truth && !source.is_truth) {
-    JudgeByTruth(source);
-  } else if (!has_truth) {
-    JudgeWithoutTruth(source);
-  }
-  const auto steps = median([](const ImageComparison& image) -> std::optional<double> {
-    if (!(image.median_depth > 0)) return std::nullopt;
-    return image.quantization_step / image.median_depth;
-  });
-  if (!source.is_truth) traits.relative_quantization = steps;
+  if (!has_truth) JudgeWithoutTruth(source);
   if (!source.is_truth) {
+    if (has_truth) JudgeByTruth(source);
+    traits.relative_quantization =
+        MedianOverImages(source, [](const ImageComparison& image) -> std::optional<double> {
+          if (!(image.median_depth > 0)) return std::nullopt;
+          return image.quantization_step / image.median_depth;
+        });
     const auto covered =
         MeanOverImages(source, [](const ImageComparison& image) -> std::optional<double> {
           return image.coverage.covered_percent;

@@ -116,11 +116,6 @@ void SurfaceTree::BuildNode(size_t begin, size_t end, std::vector<Eigen::Vector3
   BuildNode(middle, end, centers);
 }
 
-double SurfaceTree::SquaredDistance(const Triangle& triangle, const Eigen::Vector3d& point) const {
-  return SquaredDistanceToTriangle(point, corners_[triangle[0]], corners_[triangle[1]],
-                                   corners_[triangle[2]]);
-}
-
 double SurfaceTree::Distance(const Eigen::Vector3d& point, double max_distance) const {
   double best = max_distance * max_distance;
   if (nodes_.empty()) return max_distance;
@@ -134,7 +129,9 @@ double SurfaceTree::Distance(const Eigen::Vector3d& point, double max_distance) 
     if (node.box.squaredExteriorDistance(point) >= best) continue;
     if (node.count > 0) {
       for (uint32_t i = node.first; i < node.first + node.count; ++i) {
-        best = std::min(best, SquaredDistance(triangles_[i], point));
+        const auto& [a, b, c] = triangles_[i];
+        best =
+            std::min(best, SquaredDistanceToTriangle(point, corners_[a], corners_[b], corners_[c]));
       }
       continue;
     }

@@ -42,7 +42,6 @@ class SurfaceTree {
 
   void Build();
   void BuildNode(size_t begin, size_t end, std::vector<Eigen::Vector3d>& centers);
-  double SquaredDistance(const Triangle& triangle, const Eigen::Vector3d& point) const;
 
   std::vector<Eigen::Vector3d> corners_;
   std::vector<Triangle> triangles_;

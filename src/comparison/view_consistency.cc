@@ -143,18 +143,16 @@ ImageConsistency MeasureConsistency(const GeometrySource& source,
   constexpr std::array<double, 3> kWithin = {0.01, 0.02, 0.05};
   std::array<size_t, 3> within = {0, 0, 0};
   size_t contradicted = 0, behind = 0;
-  for (double& rho : all) {
+  for (const double rho : all) {
     contradicted += rho < -kWithin[2];
     behind += rho > kWithin[2];
-    rho = std::abs(rho);
-    for (size_t k = 0; k < within.size(); ++k) within[k] += rho < kWithin[k];
+    for (size_t k = 0; k < within.size(); ++k) within[k] += std::abs(rho) < kWithin[k];
   }
   for (size_t k = 0; k < within.size(); ++k) {
     result.within_percent[k] = Percent(within[k], all.size());
   }
   result.contradicted_percent = Percent(contradicted, all.size());
   result.behind_percent = Percent(behind, all.size());
-  result.median_abs_rho = MidpointMedianInPlace(std::span(all));
   return result;
 }
 

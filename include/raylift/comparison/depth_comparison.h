@@ -62,7 +62,6 @@ struct ImageConsistency {
   std::array<double, 3> within_percent = {0, 0, 0};  // |rho| below 1, 2 and 5 %
   double contradicted_percent = 0;                   // rho < -5 %
   double behind_percent = 0;                         // rho > 5 %
-  double median_abs_rho = 0;
   std::vector<PairConsistency> pairs;
   std::vector<double> cost_of_scale;  // sum of min(|rho|, 10 %) per factor tried
 };
