@@ -37,10 +37,7 @@ std::vector<Field> FieldsOf(OdometryPerturbation& values) {
       {"dropout", values.dropout_share, "Share of the poses that are missing", kShare}};
 }
 
-void OdometryPerturbation::Validate() const {
-  OdometryPerturbation values = *this;
-  CheckRanges(FieldsOf(values));
-}
+void OdometryPerturbation::Validate() const { CheckRanges(ConstFieldsOf(*this)); }
 
 std::vector<OdometryPose> PerturbOdometry(std::span<const Rigid3> cam_from_world,
                                           const OdometryPerturbation& perturbation, uint64_t seed) {
