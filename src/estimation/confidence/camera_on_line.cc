@@ -22,6 +22,17 @@ std::optional<InlierRange> WhereNegative(double a, double b, double c, size_t ke
   return InlierRange{(-b - root) / a, (-b + root) / a, keypoint};
 }
 
+// Returns where |n.xy|^2 < n.z^2 + v and n.z > 0 in the middle, with n = m - x k.
+std::optional<InlierRange> WhereSeen(const Vector3d& m, const Vector3d& k, double v,
+                                     size_t keypoint) {
+  const auto dot = [](const Vector3d& p, const Vector3d& q) {
+    return p.head<2>().dot(q.head<2>()) - p.z() * q.z();
+  };
+  const auto interval = WhereNegative(dot(k, k), -dot(m, k), dot(m, m) - v, keypoint);
+  const bool in_front = interval && m.z() - 0.5 * (interval->begin + interval->end) * k.z() > 0;
+  return in_front ? interval : std::nullopt;
+}
+
 }  // namespace
 
 // The squared reprojection error |n.xy|^2 / (n.z^2 + v), with n = m - x k.
@@ -29,13 +40,7 @@ std::optional<InlierRange> CameraOnLine::InlierInterval(const NormalizedMatch2D3
   const CamFromLocal camera = problem_.PoseOfCamera(pose_, match.camera);
   const Vector3d m = match.image_from_ray * (camera.rotation * match.point + camera.translation);
   const Vector3d k = match.image_from_ray * (camera.rotation * direction_);
-  const auto dot = [](const Vector3d& p, const Vector3d& q) {
-    return p.head<2>().dot(q.head<2>()) - p.z() * q.z();
-  };
-  const auto interval = WhereNegative(dot(k, k), -dot(m, k),
-                                      dot(m, m) - match.variance_at_unit_depth, match.keypoint);
-  const bool in_front = interval && m.z() - 0.5 * (interval->begin + interval->end) * k.z() > 0;
-  return in_front ? interval : std::nullopt;
+  return WhereSeen(m, k, match.variance_at_unit_depth, match.keypoint);
 }
 
 // The squared Sampson error (q . (b x r))^2 / (|Gq' (b x r)|^2 + |Gr' (q x b)|^2), with the
@@ -101,13 +106,7 @@ std::optional<InlierRange> CameraOnLine::InlierInterval(const NormalizedMatch2D2
   const Vector3d m = image_from_ray * (center_of(of_dominant) - center_of(of_other)) + along;
   const Vector3d k = -along / baseline.norm();
   const double variance = along.head<2>().squaredNorm() * Square(of_dominant.parallax / sine);
-  const auto dot = [](const Vector3d& p, const Vector3d& q) {
-    return p.head<2>().dot(q.head<2>()) - p.z() * q.z();
-  };
-  const auto interval =
-      WhereNegative(dot(k, k), -dot(m, k), dot(m, m) - variance, of_dominant.keypoint);
-  const bool in_front = interval && m.z() - 0.5 * (interval->begin + interval->end) * k.z() > 0;
-  return in_front ? interval : std::nullopt;
+  return WhereSeen(m, k, variance, of_dominant.keypoint);
 }
 
 }  // namespace raylift
