@@ -12,12 +12,14 @@ constexpr double kTwoPi = 6.283185307179586;
 constexpr double kAsGoodAsNormalTail = 1e-3;
 constexpr double kLeastDistanceDensity = 1e-9;
 
-// StudentDensity() and DensityOfAnyDistance().
+// Student's density over that at the center: (1 + tail squared)^-(1 + 1 / (2 tail)).
 inline Real StudentDensity(const Real& squared, const JointParameters& of) {
   if (of.keypoint_tail < kAsGoodAsNormalTail) return Exp(Constant(-0.5) * squared);
   return Exp(Constant(-0.5 / of.keypoint_tail - 1) *
              Log(Constant(1) + Constant(of.keypoint_tail) * squared));
 }
+// The density of the logarithm of a distance that says nothing of the keypoint: that of any point
+// in the scene, and nowhere zero.
 inline Real DensityOfAny(const Real& log_distance, const JointParameters& of) {
   const Real off = log_distance - Constant(of.log_distance_mean);
   const double variance = 2 * of.log_distance_variance;
@@ -142,7 +144,7 @@ class JointExpectationKernel {
     return weight + share_ * (next - weight);
   }
   Mask IsFar(const Real& squared, const Real& variance) const { return far_ * variance < squared; }
-  // StudentPrecision().
+  // The precision of the normal distribution that an error seems to come from, over the mean one.
   Real Precision(const Real& squared) const {
     return Constant(1 + 2 * of_.keypoint_tail) /
            (Constant(1) + Constant(of_.keypoint_tail) * squared);

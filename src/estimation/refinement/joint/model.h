@@ -76,14 +76,6 @@ inline double Normal2D(double squared, double variance) {
   return std::exp(-0.5 * squared / variance) / (2 * std::numbers::pi * variance);
 }
 
-// The density of the logarithm of a distance that says nothing of the keypoint: that of any point
-// in the scene, and nowhere zero.
-inline double DensityOfAnyDistance(const JointNoise& noise, double log_distance) {
-  constexpr double kLeast = 1e-9;
-  const double off = log_distance - noise.log_distance_mean;
-  return Normal1D(off * off, 2 * noise.log_distance_variance) + kLeast;
-}
-
 // A first guess, at a given pose, of where on its ray each query keypoint lies, of which of its
 // matches agree on that, and of the noise.
 

@@ -3,7 +3,8 @@
 // distributions (Lange, Little and Taylor, JASA 1989).
 //
 // The distribution is given by its `tail`, the inverse of its degrees of freedom: 0 is normal, 1 is
-// Cauchy's. Squared distances are in units of its squared scale.
+// Cauchy's. Squared distances are in units of its squared scale. Its density and what it makes of an
+// error are the kernels' (kernels/joint_expectation.h).
 
 #pragma once
 
@@ -14,17 +15,6 @@
 namespace raylift {
 
 inline constexpr double kAsGoodAsNormal = 1e-3;  // as a tail
-
-// The density over that at the center.
-inline double StudentDensity(double squared, double tail) {
-  if (tail < kAsGoodAsNormal) return std::exp(-0.5 * squared);
-  return std::exp(-(0.5 / tail + 1) * std::log1p(tail * squared));
-}
-
-// The precision of the normal distribution that an error seems to come from, over the mean one.
-inline double StudentPrecision(double squared, double tail) {
-  return (1 + 2 * tail) / (1 + tail * squared);
-}
 
 // The expected information of an error over the mean precision.
 inline double StudentInformation(double tail) { return (1 + 2 * tail) / (1 + 4 * tail); }
