@@ -31,6 +31,12 @@ std::vector<double> Collect(const SourceComparison& source, const ValueOfImage& 
   return values;
 }
 
+std::optional<double> MedianOverImages(const SourceComparison& source, const ValueOfImage& value) {
+  auto values = Collect(source, value);
+  if (values.empty()) return std::nullopt;
+  return MidpointMedianInPlace(std::span(values));
+}
+
 ImageCurves EmptyCurves(const std::vector<double>& sorted_depths) {
   const double far = sorted_depths.empty() ? 1 : sorted_depths[sorted_depths.size() * 99 / 100];
   std::vector<double> distances;
@@ -323,12 +329,6 @@ std::optional<double> MeanOverImages(const SourceComparison& source, const Value
   double sum = 0;
   for (const double v : values) sum += v;
   return sum / static_cast<double>(values.size());
-}
-
-std::optional<double> MedianOverImages(const SourceComparison& source, const ValueOfImage& value) {
-  auto values = Collect(source, value);
-  if (values.empty()) return std::nullopt;
-  return MidpointMedianInPlace(std::span(values));
 }
 
 }  // namespace raylift

@@ -49,6 +49,20 @@ std::vector<Eigen::Vector3d> PointsOf(const DepthMap& map, const PosedImage& vie
   return points;
 }
 
+// Returns the surface points of a grid of about `count` pixels.
+std::vector<DensePoint> SeenPoints(const GeometrySource& source, const PosedImage& true_view,
+                                   int count) {
+  const auto pixels = GridPixels(true_view.camera, count);
+  const auto points = source.Lift(true_view, pixels);
+  std::vector<DensePoint> seen;
+  for (size_t i = 0; i < pixels.size(); ++i) {
+    const auto ray = true_view.camera.RayInCam(pixels[i]);
+    if (!points[i] || !ray || !(ray->z() > 0) || !(points[i]->depth_z > 0)) continue;
+    seen.push_back({pixels[i], *ray * (points[i]->depth_z / ray->z())});
+  }
+  return seen;
+}
+
 }  // namespace
 
 ImageResults CompareImage(std::span<const ComparedSource> sources, const PosedImage& view,
@@ -158,19 +172,6 @@ MatchScales ScalesByMatches(const GeometrySource& source, std::span<const PosedI
   }
   if (!sigmas.empty()) scales.warp_sigma = MidpointMedianInPlace(std::span(sigmas));
   return scales;
-}
-
-std::vector<DensePoint> SeenPoints(const GeometrySource& source, const PosedImage& true_view,
-                                   int count) {
-  const auto pixels = GridPixels(true_view.camera, count);
-  const auto points = source.Lift(true_view, pixels);
-  std::vector<DensePoint> seen;
-  for (size_t i = 0; i < pixels.size(); ++i) {
-    const auto ray = true_view.camera.RayInCam(pixels[i]);
-    if (!points[i] || !ray || !(ray->z() > 0) || !(points[i]->depth_z > 0)) continue;
-    seen.push_back({pixels[i], *ray * (points[i]->depth_z / ray->z())});
-  }
-  return seen;
 }
 
 std::vector<std::vector<DcreQuery>> MeasureDcre(const GeometrySource& source,

@@ -57,10 +57,6 @@ MatchScales ScalesByMatches(const GeometrySource& source, std::span<const PosedI
 // DCRE of whole results: what each photograph shows comes from a source of geometry at the true
 // pose.
 
-// Returns the surface points of a grid of about `count` pixels.
-std::vector<DensePoint> SeenPoints(const GeometrySource& source, const PosedImage& true_view,
-                                   int count);
-
 // Returns the errors per result and query, in the order of `true_views`. `matched_poses` holds each
 // result's poses by the true views' names (MatchNames).
 std::vector<std::vector<DcreQuery>> MeasureDcre(const GeometrySource& source,

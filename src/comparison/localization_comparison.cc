@@ -33,8 +33,7 @@ size_t CountInliers2D2D(const PoseProblem& problem, const Rigid3& cam_from_world
   return count;
 }
 
-}  // namespace
-
+// `problem` is what was estimated, `hit` how many matches were lifted before filtering.
 QueryDetail DescribeQuery(const PoseProblem& problem, size_t hit, const PoseEstimate& estimate,
                           const EstimatorOptions& options, const Rigid3& true_cam_from_world,
                           size_t max_keypoints) {
@@ -64,8 +63,6 @@ QueryDetail DescribeQuery(const PoseProblem& problem, size_t hit, const PoseEsti
   }
   return detail;
 }
-
-namespace {
 
 // The result of one configuration for one query, as a comparison keeps it.
 struct LocalizationOutcome {

@@ -21,8 +21,8 @@ uint64_t MixIn(uint64_t hash, int64_t value) {
   return x ^ (x >> 31);
 }
 
-}  // namespace
-
+// Returns the squared distance of a point to a triangle, which may be a segment or a point
+// (Ericson, "Real-Time Collision Detection", 5.1.5).
 double SquaredDistanceToTriangle(const Eigen::Vector3d& point, const Eigen::Vector3d& a,
                                  const Eigen::Vector3d& b, const Eigen::Vector3d& c) {
   const Eigen::Vector3d ab = b - a, ac = c - a, ap = point - a;
@@ -50,6 +50,8 @@ double SquaredDistanceToTriangle(const Eigen::Vector3d& point, const Eigen::Vect
   const double sum = va + vb + vc;
   return (ap - vb / sum * ab - vc / sum * ac).squaredNorm();
 }
+
+}  // namespace
 
 SurfaceTree::SurfaceTree(const TriangleMesh& mesh) {
   corners_.reserve(mesh.vertices.size());

@@ -48,11 +48,6 @@ class SurfaceTree {
   std::vector<Node> nodes_;
 };
 
-// Returns the squared distance of a point to a triangle, which may be a segment or a point
-// (Ericson, "Real-Time Collision Detection", 5.1.5).
-double SquaredDistanceToTriangle(const Eigen::Vector3d& point, const Eigen::Vector3d& a,
-                                 const Eigen::Vector3d& b, const Eigen::Vector3d& c);
-
 // Keeps the first point of each cell of a grid, so that what many images show counts once. Where
 // the points become more than `max_points`, a random half of all cells is given up, seen or not:
 // the others remain a fair sample, and memory is bounded.

@@ -11,11 +11,9 @@
 
 namespace raylift {
 
-// Those that say which method, and the others: thresholds, RANSAC, the seed.
-std::vector<Field> MethodFieldsOf(EstimatorOptions& options);
-std::vector<Field> NumberFieldsOf(EstimatorOptions& options);
-// All of them.
 std::vector<Field> FieldsOf(EstimatorOptions& options);
+// Those that do not say which method: thresholds, RANSAC, the seed.
+std::vector<Field> NumberFieldsOf(EstimatorOptions& options);
 
 // Without what the errors have shown it.
 std::vector<Field> FieldsOf(MatchNoise& noise);

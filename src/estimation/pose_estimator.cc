@@ -36,18 +36,6 @@ void Require(bool condition, std::string_view name, const std::string& value,
 
 }  // namespace
 
-std::vector<Field> MethodFieldsOf(EstimatorOptions& options) {
-  return {
-      {"method", options.method, MethodHelp()},
-      {"score", options.score, "Score that Adaptive compares poses by:\n{}"},
-      {"lo", options.local_optimization, "Adaptive's local optimization: {}"},
-      {"alpha", options.alpha,
-       "Select takes the P3P pose if it has more than alpha times\n"
-       "the E5+1 pose's 2D-2D inliers",
-       kNotNegative},
-  };
-}
-
 std::vector<Field> NumberFieldsOf(EstimatorOptions& options) {
   return {
       {"refinement", options.refinement,
@@ -106,7 +94,15 @@ std::vector<Field> NumberFieldsOf(EstimatorOptions& options) {
 }
 
 std::vector<Field> FieldsOf(EstimatorOptions& options) {
-  std::vector<Field> fields = MethodFieldsOf(options);
+  std::vector<Field> fields = {
+      {"method", options.method, MethodHelp()},
+      {"score", options.score, "Score that Adaptive compares poses by:\n{}"},
+      {"lo", options.local_optimization, "Adaptive's local optimization: {}"},
+      {"alpha", options.alpha,
+       "Select takes the P3P pose if it has more than alpha times\n"
+       "the E5+1 pose's 2D-2D inliers",
+       kNotNegative},
+  };
   const std::vector<Field> numbers = NumberFieldsOf(options);
   fields.insert(fields.end(), numbers.begin(), numbers.end());
   return fields;

@@ -86,6 +86,21 @@ std::string PlaceOfSpec(const std::string& spec) {
   return spec.substr(colon + 1, comma == std::string::npos ? comma : comma - colon - 1);
 }
 
+// Returns the files or folders of a specification of geometry; none where it names none ("sfm").
+std::vector<path> PathsOfSpec(const std::string& spec) {
+  const std::string place = PlaceOfSpec(spec);
+  std::vector<path> paths;
+  if (place.empty()) return paths;
+  std::error_code ignored;
+  if (std::filesystem::exists(place, ignored)) return {place};
+  for (const std::string_view part : SplitBy(place, '+')) {
+    path file(part);
+    if (part.find('*') != std::string_view::npos) file = file.parent_path();
+    paths.push_back(file.empty() ? path(".") : file);
+  }
+  return paths;
+}
+
 // Collects the inputs of cells; what many cells share is looked at once.
 class InputCollector {
  public:
@@ -243,20 +258,6 @@ const std::string& InputIdentity::Of(const path& input) {
 
 path ForSubsampling(const path& input, size_t every) {
   return Replaced(input.string(), "{every}", std::to_string(every));
-}
-
-std::vector<path> PathsOfSpec(const std::string& spec) {
-  const std::string place = PlaceOfSpec(spec);
-  std::vector<path> paths;
-  if (place.empty()) return paths;
-  std::error_code ignored;
-  if (std::filesystem::exists(place, ignored)) return {place};
-  for (const std::string_view part : SplitBy(place, '+')) {
-    path file(part);
-    if (part.find('*') != std::string_view::npos) file = file.parent_path();
-    paths.push_back(file.empty() ? path(".") : file);
-  }
-  return paths;
 }
 
 std::vector<Query> QueriesOf(const ExperimentScene& scene) {

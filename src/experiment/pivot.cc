@@ -147,11 +147,11 @@ void RankColumn(PivotTable& table, size_t column) {
   }
 }
 
-}  // namespace
-
 std::string AxisTitle(LayoutAxis axis) {
   return std::visit([](auto known) { return std::string(TitleOf(known)); }, axis);
 }
+
+}  // namespace
 
 std::string ValueTitle(const Experiment& experiment, const Setting& setting, LayoutAxis axis) {
   std::string text = Value(experiment, setting, axis);

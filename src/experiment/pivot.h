@@ -57,7 +57,6 @@ std::string EscapeLatex(std::string_view text);
 
 // A value of an axis as a table prints it ("P3P", "1/5").
 std::string ValueTitle(const Experiment& experiment, const Setting& setting, LayoutAxis axis);
-std::string AxisTitle(LayoutAxis axis);
 
 std::string FormatExperimentPage(const Experiment& experiment, std::span<const PivotTable> tables,
                                  std::span<const SettingResult> results,

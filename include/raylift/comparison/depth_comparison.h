@@ -133,11 +133,8 @@ DepthComparison CompareDepth(std::span<const ComparedSource> sources,
                              std::span<const ReferenceMatch> matches,
                              const DepthComparisonOptions& options);
 
-// Return the mean, or median, over the images that have the value; nullopt where no image has.
+// Returns the mean over the images that have the value; nullopt where no image has.
 std::optional<double> MeanOverImages(
-    const SourceComparison& source,
-    const std::function<std::optional<double>(const ImageComparison&)>& value);
-std::optional<double> MedianOverImages(
     const SourceComparison& source,
     const std::function<std::optional<double>(const ImageComparison&)>& value);
 

@@ -47,11 +47,6 @@ struct QueryDetail {
   std::vector<Keypoint> keypoints;
 };
 
-// `problem` is what was estimated, `hit` how many matches were lifted before filtering.
-QueryDetail DescribeQuery(const PoseProblem& problem, size_t hit, const PoseEstimate& estimate,
-                          const EstimatorOptions& options, const Rigid3& true_cam_from_world,
-                          size_t max_keypoints);
-
 // The same matches, many geometries: identical 2D-2D matches are lifted through every source,
 // corrected and filtered in every way asked for, and estimated by every method, so that what
 // differs in the results is what differs in the geometry.

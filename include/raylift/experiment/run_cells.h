@@ -44,8 +44,6 @@ class InputIdentity {
 
 // The experiment's paths with the subsampling put in for "{every}".
 std::filesystem::path ForSubsampling(const std::filesystem::path& path, size_t every);
-// The files or folders of a specification of geometry; none where it names none ("sfm").
-std::vector<std::filesystem::path> PathsOfSpec(const std::string& spec);
 
 // The queries of a scene, or those of its group. Throws InputError where there are none.
 std::vector<Query> QueriesOf(const ExperimentScene& scene);

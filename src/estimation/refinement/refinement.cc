@@ -121,13 +121,6 @@ RefinedPose KeepPose(const NormalizedProblem& problem, const CamFromLocal& pose,
   return WithCovariance(problem, likelihood);
 }
 
-RefinedPose RefineByInliers(const NormalizedProblem& problem, const CamFromLocal& pose,
-                            MatchSets sets) {
-  MaximumLikelihood likelihood(problem, sets);
-  likelihood.Refine(pose);
-  return WithCovariance(problem, likelihood);
-}
-
 RefinedPose RefineByEvidence(const NormalizedProblem& problem, const KeypointEvidence& evidence,
                              const CamFromLocal& pose, const std::optional<SceneNoise>& scene,
                              FocalDerivatives focal, ReferenceErrors reference_errors) {
@@ -145,7 +138,11 @@ RefinedPose RefineFinally(const NormalizedProblem& problem,
                           const std::optional<KeypointEvidence>& evidence, const CamFromLocal& pose,
                           MatchSets sets, const EstimatorOptions& options) {
   if (options.refinement == Refinement::kPaper) return KeepPose(problem, pose, sets);
-  if (sets != MatchSets::kBoth) return RefineByInliers(problem, pose, sets);
+  if (sets != MatchSets::kBoth) {
+    MaximumLikelihood likelihood(problem, sets);
+    likelihood.Refine(pose);
+    return WithCovariance(problem, likelihood);
+  }
   RAYLIFT_CHECK(evidence.has_value());
   return RefineByEvidence(problem, *evidence, pose, KnownNoiseOf(problem, options));
 }

@@ -55,8 +55,8 @@ enum class FocalDerivatives { kNone, kAtPose };
 enum class ReferenceErrors { kWhereSeen, kAlways };
 
 // Refines a pose as the options say: kPaper leaves it as it is; kRobust refines it jointly where
-// both sets are asked for, which needs the evidence, and by maximum likelihood of one set
-// otherwise.
+// both sets are asked for, which needs the evidence, and by maximum likelihood of one set's
+// inliers (single_set.h) otherwise.
 RefinedPose RefineFinally(const NormalizedProblem& problem,
                           const std::optional<KeypointEvidence>& evidence, const CamFromLocal& pose,
                           MatchSets sets, const EstimatorOptions& options);
@@ -70,10 +70,6 @@ RefinedPose RefineWithScales(const NormalizedProblem& problem, const KeypointEvi
 
 // Takes the pose as it is, and says how well some match sets determine it.
 RefinedPose KeepPose(const NormalizedProblem& problem, const CamFromLocal& pose, MatchSets sets);
-
-// Refines a pose by maximum likelihood of the sets' inliers (single_set.h).
-RefinedPose RefineByInliers(const NormalizedProblem& problem, const CamFromLocal& pose,
-                            MatchSets sets);
 
 // Refines a pose jointly; `scene` is what the scene's queries have in common.
 RefinedPose RefineByEvidence(const NormalizedProblem& problem, const KeypointEvidence& evidence,
