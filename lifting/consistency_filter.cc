@@ -216,6 +216,67 @@ void KeepBest(const MultiViewTrust& trust, size_t count, FilterResult& result) {
   }
 }
 
+// The points that the thresholds keep.
+FilterResult FilterByConsistency(std::span<const PosedImage> references,
+                                 std::span<const Match2D2D> matches_2d2d,
+                                 std::span<const Match2D3D> points,
+                                 const ConsistencyThresholds& thresholds) {
+  const MultiViewErrors errors(references, matches_2d2d, points);
+  // A ratio such as 0.8 of 5 views must not ask for a fifth view by rounding.
+  constexpr double kRounding = 1e-9;
+  FilterResult result;
+  for (size_t i = 0; i < errors.num_points(); ++i) {
+    const auto views = errors.ViewsOf(i);
+    const size_t agreeing = CountAgreeing(views, thresholds.reprojection_px);
+    const double needed = thresholds.min_ratio * static_cast<double>(views.size()) - kRounding;
+    const bool enough_views = agreeing >= static_cast<size_t>(thresholds.min_views);
+    const bool enough_ratio = static_cast<double>(agreeing) >= needed;
+    result.keep.push_back(enough_views && enough_ratio);
+    if (!enough_views) {
+      ++result.counts.dropped_by_views;
+    } else if (!enough_ratio) {
+      ++result.counts.dropped_by_ratio;
+    } else {
+      ++result.counts.consistent;
+    }
+  }
+  return result;
+}
+
+// The points that kAuto keeps.
+FilterResult FilterByTrust(std::span<const PosedImage> references,
+                           std::span<const Match2D2D> matches_2d2d,
+                           std::span<const Match2D3D> points, const FilterOptions& options) {
+  const std::optional<MultiViewNoise>& scene_noise = options.scene_noise;
+  const auto trust = EstimateTrust(references, matches_2d2d, points);
+  FilterResult result = KeepAll(points.size());
+  if (!trust) {
+    if (!scene_noise || IsAccurate(*scene_noise) || options.few_points == FewPoints::kKeepBest ||
+        !SeveralReferences(matches_2d2d)) {
+      return result;
+    }
+    // Treats it as the points of other queries that no other reference sees.
+    return {.keep = std::vector<bool>(points.size(), false),
+            .counts = {.dropped_by_views = points.size()},
+            .noise = scene_noise};
+  }
+  result.noise = trust->noise;
+  if (IsAccurate(scene_noise.value_or(trust->noise))) return result;
+  result.counts = {};
+  KeepTrusted(*trust, result);
+  if (result.counts.consistent >= options.min_points) return result;
+  switch (options.few_points) {
+    case FewPoints::kDropAll:
+      result.keep.assign(points.size(), false);
+      result.counts.dropped_as_too_few = std::exchange(result.counts.consistent, 0);
+      break;
+    case FewPoints::kKeepBest:
+      KeepBest(*trust, options.min_points, result);
+      break;
+  }
+  return result;
+}
+
 }  // namespace
 
 std::vector<Field> FieldsOf(ConsistencyThresholds& thresholds) {
@@ -268,8 +329,7 @@ FilterResult FilterPoints(std::span<const PosedImage> references,
     case FilterMode::kFixed:
       return FilterByConsistency(references, matches_2d2d, points, options.thresholds);
     case FilterMode::kAuto:
-      return FilterByTrust(references, matches_2d2d, points, options.few_points, options.min_points,
-                           options.scene_noise);
+      return FilterByTrust(references, matches_2d2d, points, options);
   }
   RAYLIFT_CHECK(false);
 }
@@ -282,65 +342,6 @@ FilterResult FilterProblem(const FilterOptions& options, PoseProblem& problem) {
     if (result.keep[i]) kept.push_back(problem.matches_2d3d[i]);
   }
   problem.matches_2d3d = std::move(kept);
-  return result;
-}
-
-FilterResult FilterByConsistency(std::span<const PosedImage> references,
-                                 std::span<const Match2D2D> matches_2d2d,
-                                 std::span<const Match2D3D> points,
-                                 const ConsistencyThresholds& thresholds) {
-  const MultiViewErrors errors(references, matches_2d2d, points);
-  // A ratio such as 0.8 of 5 views must not ask for a fifth view by rounding.
-  constexpr double kRounding = 1e-9;
-  FilterResult result;
-  for (size_t i = 0; i < errors.num_points(); ++i) {
-    const auto views = errors.ViewsOf(i);
-    const size_t agreeing = CountAgreeing(views, thresholds.reprojection_px);
-    const double needed = thresholds.min_ratio * static_cast<double>(views.size()) - kRounding;
-    const bool enough_views = agreeing >= static_cast<size_t>(thresholds.min_views);
-    const bool enough_ratio = static_cast<double>(agreeing) >= needed;
-    result.keep.push_back(enough_views && enough_ratio);
-    if (!enough_views) {
-      ++result.counts.dropped_by_views;
-    } else if (!enough_ratio) {
-      ++result.counts.dropped_by_ratio;
-    } else {
-      ++result.counts.consistent;
-    }
-  }
-  return result;
-}
-
-FilterResult FilterByTrust(std::span<const PosedImage> references,
-                           std::span<const Match2D2D> matches_2d2d,
-                           std::span<const Match2D3D> points, FewPoints few_points,
-                           size_t min_points, const std::optional<MultiViewNoise>& scene_noise) {
-  const auto trust = EstimateTrust(references, matches_2d2d, points);
-  FilterResult result = KeepAll(points.size());
-  if (!trust) {
-    if (!scene_noise || IsAccurate(*scene_noise) || few_points == FewPoints::kKeepBest ||
-        !SeveralReferences(matches_2d2d)) {
-      return result;
-    }
-    // Treats it as the points of other queries that no other reference sees.
-    return {.keep = std::vector<bool>(points.size(), false),
-            .counts = {.dropped_by_views = points.size()},
-            .noise = scene_noise};
-  }
-  result.noise = trust->noise;
-  if (IsAccurate(scene_noise.value_or(trust->noise))) return result;
-  result.counts = {};
-  KeepTrusted(*trust, result);
-  if (result.counts.consistent >= min_points) return result;
-  switch (few_points) {
-    case FewPoints::kDropAll:
-      result.keep.assign(points.size(), false);
-      result.counts.dropped_as_too_few = std::exchange(result.counts.consistent, 0);
-      break;
-    case FewPoints::kKeepBest:
-      KeepBest(*trust, min_points, result);
-      break;
-  }
   return result;
 }
 

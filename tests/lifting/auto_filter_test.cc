@@ -46,6 +46,12 @@ std::vector<Match2D3D> LiftAll(const Problem& problem, double log_depth_noise, R
   return Matches2D3D(LiftMatches(source, problem.room.references, problem.matches));
 }
 
+FilterResult Filter(const Problem& problem, std::span<const Match2D3D> points,
+                    FilterOptions options = {}) {
+  options.mode = FilterMode::kAuto;
+  return FilterPoints(problem.room.references, problem.matches, points, options);
+}
+
 TEST(EstimateTrust, TellsTheNoiseOfKeypointsFromThatOfGeometry) {
   Rng rng = TestRng();
   const Problem problem = MakeProblem(400, 0.8, rng);
@@ -165,26 +171,24 @@ TEST(EstimateTrust, NeedsSeveralReferences) {
   EXPECT_FALSE(EstimateTrust(problem.room.references, problem.matches, {}));
 }
 
-TEST(FilterByTrust, LeavesAccurateGeometryAlone) {
+TEST(AutoFilter, LeavesAccurateGeometryAlone) {
   Rng rng = TestRng();
   Problem problem = MakeProblem(300, 1, rng);
   for (size_t i = 0; i < problem.matches.size(); i += 4) {
     problem.matches[i].reference_px = {rng.Uniform(0, 640), rng.Uniform(0, 480)};
   }
   const auto points = LiftAll(problem, 0.005, rng);
-  const FilterResult result =
-      FilterByTrust(problem.room.references, problem.matches, points, FewPoints::kDropAll, 30);
+  const FilterResult result = Filter(problem, points);
   EXPECT_EQ(result.counts.consistent, points.size());
   ASSERT_TRUE(result.noise);
 }
 
-TEST(FilterByTrust, DropsNoisyAndUnseenPointsAndCountsThem) {
+TEST(AutoFilter, DropsNoisyAndUnseenPointsAndCountsThem) {
   Rng rng = TestRng();
   Problem problem = MakeProblem(400, 0.5, rng);
   problem.matches.push_back({1, {-1, -1}, {100, 100}});  // no other reference sees it
   const auto points = LiftAll(problem, 0.1, rng);
-  const FilterResult result =
-      FilterByTrust(problem.room.references, problem.matches, points, FewPoints::kDropAll, 30);
+  const FilterResult result = Filter(problem, points);
   EXPECT_FALSE(result.keep.back());
   EXPECT_GT(result.counts.consistent, 30u);
   EXPECT_GT(result.counts.dropped_by_error, points.size() / 2);
@@ -194,14 +198,13 @@ TEST(FilterByTrust, DropsNoisyAndUnseenPointsAndCountsThem) {
             points.size());
 }
 
-TEST(FilterByTrust, KeepsPointsThatAreExpectedWithinOneAndAHalfDeviationsOfKeypoints) {
+TEST(AutoFilter, KeepsPointsThatAreExpectedWithinOneAndAHalfDeviationsOfKeypoints) {
   Rng rng = TestRng();
   const Problem problem = MakeProblem(400, 0.5, rng);
   const auto points = LiftAll(problem, 0.1, rng);
   const auto trust = EstimateTrust(problem.room.references, problem.matches, points);
   ASSERT_TRUE(trust);
-  const FilterResult result =
-      FilterByTrust(problem.room.references, problem.matches, points, FewPoints::kDropAll, 30);
+  const FilterResult result = Filter(problem, points);
   size_t slightly_beyond = 0;
   for (size_t i = 0; i < points.size(); ++i) {
     if (trust->points[i].in_doubt) continue;
@@ -212,17 +215,16 @@ TEST(FilterByTrust, KeepsPointsThatAreExpectedWithinOneAndAHalfDeviationsOfKeypo
   EXPECT_GT(slightly_beyond, 5u);
 }
 
-TEST(FilterByTrust, WhereFewRemainDropsAllOrKeepsTheBest) {
+TEST(AutoFilter, WhereFewRemainDropsAllOrKeepsTheBest) {
   Rng rng = TestRng();
   const Problem problem = MakeProblem(60, 0.3, rng);
   const auto points = LiftAll(problem, 0.5, rng);
   const size_t more_than_good = 60;
-  const FilterResult none = FilterByTrust(problem.room.references, problem.matches, points,
-                                          FewPoints::kDropAll, more_than_good);
+  const FilterResult none = Filter(problem, points, {.min_points = more_than_good});
   EXPECT_EQ(none.counts.consistent, 0u);
   EXPECT_GT(none.counts.dropped_as_too_few, 0u);
-  const FilterResult best = FilterByTrust(problem.room.references, problem.matches, points,
-                                          FewPoints::kKeepBest, more_than_good);
+  const FilterResult best =
+      Filter(problem, points, {.few_points = FewPoints::kKeepBest, .min_points = more_than_good});
   EXPECT_EQ(best.counts.consistent, more_than_good);
   EXPECT_EQ(std::count(best.keep.begin(), best.keep.end(), true),
             static_cast<std::ptrdiff_t>(more_than_good));
@@ -238,16 +240,15 @@ TEST(PooledNoise, CountsEachView) {
   EXPECT_NEAR(pooled->geometry_px, std::sqrt(0.01 * 100 + 0.99 * 4), 1e-12);
 }
 
-TEST(FilterByTrust, WhatTheSceneShowsDecidesWhetherGeometryIsAccurate) {
+TEST(AutoFilter, WhatTheSceneShowsDecidesWhetherGeometryIsAccurate) {
   Rng rng = TestRng();
   const Problem problem = MakeProblem(400, 0.5, rng);
   const auto points = LiftAll(problem, 0.1, rng);
-  const FilterResult result = FilterByTrust(problem.room.references, problem.matches, points,
-                                            FewPoints::kDropAll, 30, MultiViewNoise{1, 1, 9999});
+  const FilterResult result = Filter(problem, points, {.scene_noise = MultiViewNoise{1, 1, 9999}});
   EXPECT_EQ(result.counts.consistent, points.size());
 }
 
-TEST(FilterByTrust, WhereViewsAreTooFewTheSceneDecides) {
+TEST(AutoFilter, WhereViewsAreTooFewTheSceneDecides) {
   Rng rng = TestRng();
   Problem problem = MakeProblem(30, 0.5, rng);
   for (size_t i = 0; i < problem.matches.size(); ++i) {
@@ -256,7 +257,7 @@ TEST(FilterByTrust, WhereViewsAreTooFewTheSceneDecides) {
   const auto points = LiftAll(problem, 0.1, rng);
   const MultiViewNoise noisy{1, 5, 1000};
   const auto num_kept = [&](FewPoints few_points, const std::optional<MultiViewNoise>& scene) {
-    return FilterByTrust(problem.room.references, problem.matches, points, few_points, 30, scene)
+    return Filter(problem, points, {.few_points = few_points, .scene_noise = scene})
         .counts.consistent;
   };
   EXPECT_EQ(num_kept(FewPoints::kDropAll, std::nullopt), points.size());

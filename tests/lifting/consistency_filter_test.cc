@@ -51,13 +51,14 @@ struct Scene {
   }
 
   FilterResult Filter(const ConsistencyThresholds& thresholds) const {
-    return FilterByConsistency(references, matches, points, thresholds);
+    return FilterPoints(references, matches, points,
+                        {.mode = FilterMode::kFixed, .thresholds = thresholds});
   }
 };
 
 using Kept = std::vector<bool>;
 
-TEST(FilterByConsistency, CountsTheViewsInWhichAPointLandsClose) {
+TEST(FixedFilter, CountsTheViewsInWhichAPointLandsClose) {
   Scene scene;
   const Eigen::Vector2d query_px(7.5, 9.25);
   const Eigen::Vector3d point(2, 0.5, 10);
@@ -70,7 +71,7 @@ TEST(FilterByConsistency, CountsTheViewsInWhichAPointLandsClose) {
   EXPECT_EQ(scene.Filter({50.1, 5, 0}).keep, Kept{true});
 }
 
-TEST(FilterByConsistency, TheRatioIsOfTheReferencesThatObserveTheKeypoint) {
+TEST(FixedFilter, TheRatioIsOfTheReferencesThatObserveTheKeypoint) {
   Scene scene;
   const Eigen::Vector3d point(2, 0.5, 10);
   const Eigen::Vector2d seen_by_five(1, 1), seen_by_four(2, 2);
@@ -90,7 +91,7 @@ TEST(FilterByConsistency, TheRatioIsOfTheReferencesThatObserveTheKeypoint) {
   EXPECT_EQ(four_views.counts.dropped_by_ratio, 1u);
 }
 
-TEST(FilterByConsistency, ThePointsOwnReferenceCounts) {
+TEST(FixedFilter, ThePointsOwnReferenceCounts) {
   Scene scene;
   const Eigen::Vector3d point(0, 0, 10);
   scene.Observe({1, 1}, point, {{2, 0}});
@@ -99,7 +100,7 @@ TEST(FilterByConsistency, ThePointsOwnReferenceCounts) {
   EXPECT_EQ(scene.Filter({4, 2, 0}).keep, Kept{false});
 }
 
-TEST(FilterByConsistency, AWrongDepthIsSeenByTheOtherReferencesAlone) {
+TEST(FixedFilter, AWrongDepthIsSeenByTheOtherReferencesAlone) {
   // Lifted at depth 11 from the first camera: in the one b meters away the point lands
   // 1000 b (1/10 - 1/11) = 9.1 b px beside the keypoint.
   Scene scene;
@@ -121,7 +122,7 @@ TEST(FilterByConsistency, AWrongDepthIsSeenByTheOtherReferencesAlone) {
   EXPECT_EQ(scene.Filter({27.3, 4, 0}).keep, Kept{true});
 }
 
-TEST(FilterByConsistency, SeveralFeaturesAtOnePlaceCountOnceAndTheNearestDecides) {
+TEST(FixedFilter, SeveralFeaturesAtOnePlaceCountOnceAndTheNearestDecides) {
   Scene scene;
   const Eigen::Vector3d point(1, 0, 10);
   // Two features at the query's place, matched with two keypoints of reference 1.
@@ -135,7 +136,7 @@ TEST(FilterByConsistency, SeveralFeaturesAtOnePlaceCountOnceAndTheNearestDecides
   EXPECT_EQ(scene.Filter({4, 3, 0}).keep, Kept{false});
 }
 
-TEST(FilterByConsistency, IndicesSayWhichMatchesAreOfAPointsKeypoint) {
+TEST(FixedFilter, IndicesSayWhichMatchesAreOfAPointsKeypoint) {
   Scene scene;
   const Eigen::Vector3d point(1, 0, 10);
   scene.Observe({1, 1}, point, {{0, 0}, {1, 30}});
@@ -150,7 +151,7 @@ TEST(FilterByConsistency, IndicesSayWhichMatchesAreOfAPointsKeypoint) {
   EXPECT_EQ(scene.Filter({4, 3, 1}).keep, Kept{true});
 }
 
-TEST(FilterByConsistency, AKeypointBehindAReferenceDoesNotAgree) {
+TEST(FixedFilter, AKeypointBehindAReferenceDoesNotAgree) {
   Scene scene;
   scene.Match(0, {1, 1}, {320, 240});
   scene.Match(1, {1, 1}, {320, 240});

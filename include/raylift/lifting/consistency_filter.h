@@ -98,7 +98,7 @@ enum class FewPoints {
 
 struct FilterOptions {
   FilterMode mode = FilterMode::kOff;
-  ConsistencyThresholds thresholds;  // of kFixed
+  ConsistencyThresholds thresholds = {};  // of kFixed
   FewPoints few_points = FewPoints::kDropAll;
   size_t min_points = 30;
   // For kAuto: the noise that the scene's queries show together, which says better than one query's
@@ -131,18 +131,5 @@ FilterResult FilterPoints(std::span<const PosedImage> references,
 
 // Drops the 2D-3D matches of a problem that the options do not keep.
 FilterResult FilterProblem(const FilterOptions& options, PoseProblem& problem);
-
-// The points that the thresholds keep.
-FilterResult FilterByConsistency(std::span<const PosedImage> references,
-                                 std::span<const Match2D2D> matches_2d2d,
-                                 std::span<const Match2D3D> points,
-                                 const ConsistencyThresholds& thresholds);
-
-// The points that kAuto keeps.
-FilterResult FilterByTrust(std::span<const PosedImage> references,
-                           std::span<const Match2D2D> matches_2d2d,
-                           std::span<const Match2D3D> points, FewPoints few_points,
-                           size_t min_points,
-                           const std::optional<MultiViewNoise>& scene_noise = std::nullopt);
 
 }  // namespace raylift
