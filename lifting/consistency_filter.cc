@@ -13,18 +13,15 @@
 namespace raylift {
 namespace {
 
-// A point's error in another reference, by the epipolar line of the point's pixel there.
-struct EpipolarError {
+// A point's error in another reference.
+struct PointError : EpipolarError {
   size_t point;
-  double along_px;
-  double across_px;
-  double gain_px;  // by which one unit of log depth moves the projection
 };
 
-std::vector<EpipolarError> EpipolarErrors(std::span<const PosedImage> references,
-                                          const MultiViewErrors& errors,
-                                          std::span<const Match2D3D> points) {
-  std::vector<EpipolarError> result;
+std::vector<PointError> ErrorsInOthers(std::span<const PosedImage> references,
+                                       const MultiViewErrors& errors,
+                                       std::span<const Match2D3D> points) {
+  std::vector<PointError> result;
   for (size_t i = 0; i < points.size(); ++i) {
     if (!points[i].reference) continue;
     const auto own = static_cast<size_t>(*points[i].reference);
@@ -35,22 +32,18 @@ std::vector<EpipolarError> EpipolarErrors(std::span<const PosedImage> references
       const PosedImage& other = references[static_cast<size_t>(view.reference)];
       const auto projection =
           other.camera.ImgFromCamWithJacobian(other.cam_from_world * points[i].point_in_world);
-      const Eigen::Vector2d motion_px =
-          projection->jacobian * (other.cam_from_world.rotation * ray_in_world);
-      const double gain_px = motion_px.norm();
-      if (!(gain_px > 0)) continue;
-      const Eigen::Vector2d line = motion_px / gain_px;
-      const Eigen::Vector2d& e = *view.error_px;
-      result.push_back({i, e.dot(line), e.y() * line.x() - e.x() * line.y(), gain_px});
+      const auto error = SplitByLine(
+          *view.error_px, projection->jacobian * (other.cam_from_world.rotation * ray_in_world));
+      if (error) result.push_back({*error, i});
     }
   }
   return result;
 }
 
-double MedianGain(const std::vector<EpipolarError>& errors) {
+double MedianGain(const std::vector<PointError>& errors) {
   std::vector<double> gains;
   gains.reserve(errors.size());
-  for (const EpipolarError& e : errors) gains.push_back(e.gain_px);
+  for (const PointError& e : errors) gains.push_back(e.gain_px);
   return UpperMedianInPlace(std::span(gains));
 }
 
@@ -90,18 +83,18 @@ std::optional<MultiViewTrust> EstimateTrust(std::span<const PosedImage> referenc
   constexpr size_t kFewest = 20;
   constexpr double kGate = 3;  // deviations
   const MultiViewErrors views(references, matches_2d2d, points);
-  const std::vector<EpipolarError> all = EpipolarErrors(references, views, points);
+  const std::vector<PointError> all = ErrorsInOthers(references, views, points);
   if (all.size() < kFewest) return std::nullopt;
   const double range_px = OutlierRange(references);
 
   std::vector<double> across;
   across.reserve(all.size());
-  for (const EpipolarError& e : all) across.push_back(e.across_px);
+  for (const PointError& e : all) across.push_back(e.across_px);
   const double keypoints_px = DeviationAmongOutliers(across, range_px);
 
   std::vector<DepthEvidence> evidence(points.size());
-  std::vector<EpipolarError> agreeing;
-  for (const EpipolarError& e : all) {
+  std::vector<PointError> agreeing;
+  for (const PointError& e : all) {
     ++evidence[e.point].num_views;
     if (std::abs(e.across_px) >= kGate * keypoints_px) continue;
     agreeing.push_back(e);
@@ -113,7 +106,7 @@ std::optional<MultiViewTrust> EstimateTrust(std::span<const PosedImage> referenc
   if (agreeing.size() < kFewest) return std::nullopt;
   std::vector<double> along;
   along.reserve(agreeing.size());
-  for (const EpipolarError& e : agreeing) along.push_back(e.along_px);
+  for (const PointError& e : agreeing) along.push_back(e.along_px);
   const double along_px = DeviationAmongOutliers(along, range_px);
   const double geometry_px =
       std::sqrt(std::max(along_px * along_px - keypoints_px * keypoints_px, 0.0));

@@ -21,11 +21,8 @@ namespace raylift {
 namespace {
 
 // A keypoint of a map as its match in another image sees it.
-struct Observation {
+struct Observation : EpipolarError {
   double confidence;
-  double along_px;  // error along the epipolar line, and across it
-  double across_px;
-  double gain_px;  // by which one unit of log depth moves the projection
   size_t bin = 0;  // of the confidences
 };
 using Observations = std::vector<std::vector<Observation>>;  // by reference
@@ -41,18 +38,11 @@ double ConfidenceAt(const DepthMap& confidences, const Camera& camera,
                      place(pixel.y(), camera.height_px(), confidences.height_px)));
 }
 
-std::optional<Observation> Observe(const DepthObservation& seen, double z) {
+std::optional<EpipolarError> ErrorAt(const DepthObservation& seen, double z) {
   const auto projection = seen.other_camera->ImgFromCamWithJacobian(seen.line_in_other.At(z));
   if (!(z > 0) || !projection) return std::nullopt;
-  const Eigen::Vector2d motion_px = projection->jacobian * (seen.line_in_other.direction * z);
-  const double gain_px = motion_px.norm();
-  if (!(gain_px > 0)) return std::nullopt;
-  const Eigen::Vector2d error_px = projection->pixel - seen.other_px;
-  const Eigen::Vector2d along = motion_px / gain_px;
-  return Observation{.confidence = 0,
-                     .along_px = error_px.dot(along),
-                     .across_px = error_px.y() * along.x() - error_px.x() * along.y(),
-                     .gain_px = gain_px};
+  return SplitByLine(projection->pixel - seen.other_px,
+                     projection->jacobian * (seen.line_in_other.direction * z));
 }
 
 // The half of the map's places that a pixel is in: as the squares of a chessboard.
@@ -87,10 +77,7 @@ std::vector<Observation> ObserveMap(const std::vector<DepthObservation>& seen,
     const double confidence = ConfidenceAt(confidences, camera, pixel);
     if (!std::isfinite(confidence)) continue;
     const double z = corrections[HalfOf(pixel, camera)].Correct(seen[i].z, camera, pixel);
-    if (auto observed = Observe(seen[i], z)) {
-      observed->confidence = confidence;
-      observations.push_back(*observed);
-    }
+    if (const auto error = ErrorAt(seen[i], z)) observations.push_back({*error, confidence});
   }
   return observations;
 }

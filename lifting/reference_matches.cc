@@ -62,6 +62,16 @@ double DeviationAmongOutliers(const std::vector<double>& errors_px, double range
   return deviation;
 }
 
+std::optional<EpipolarError> SplitByLine(const Eigen::Vector2d& error_px,
+                                         const Eigen::Vector2d& motion_px) {
+  const double gain_px = motion_px.norm();
+  if (!(gain_px > 0)) return std::nullopt;
+  const Eigen::Vector2d along = motion_px / gain_px;
+  return EpipolarError{.along_px = error_px.dot(along),
+                       .across_px = error_px.y() * along.x() - error_px.x() * along.y(),
+                       .gain_px = gain_px};
+}
+
 std::vector<ReferenceMatch> TransitiveMatches(std::span<const Match2D2D> matches) {
   std::vector<ReferenceMatch> pairs;
   for (const std::vector<size_t>& group : GroupByPlace(matches)) {

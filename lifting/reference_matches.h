@@ -50,6 +50,18 @@ std::optional<TriangulatedDepth> TriangulateDepth(const SightLine& line_in_other
 // others, from wrong matches, are anywhere within the range: by expectation maximization.
 double DeviationAmongOutliers(const std::vector<double>& errors_px, double range_px);
 
+// The error of a projection by the line on which depth moves it: wrong depth adds to the part along
+// the line alone.
+struct EpipolarError {
+  double along_px;
+  double across_px;
+  double gain_px;  // by which one unit of log depth moves the projection
+};
+
+// Takes by how much one unit of log depth moves the projection; returns nullopt where it does not.
+std::optional<EpipolarError> SplitByLine(const Eigen::Vector2d& error_px,
+                                         const Eigen::Vector2d& motion_px);
+
 // Agreement of the references on lifted points: a query keypoint that was matched with several
 // references has a lifted point from each of them, and every one of these points should project
 // onto the matched keypoint of all the others.
