@@ -3,6 +3,7 @@
 
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <map>
 #include <optional>
@@ -40,6 +41,9 @@ struct MapScales {
   std::vector<double> log_factors;  // of each reference's depth
   CommonScale common;
 };
+
+// Errors up to this are about those of the matches themselves.
+inline double ExactPx(double baseline_error_px) { return 4 * std::max(baseline_error_px, 0.5); }
 
 ConventionFit MakeFit(std::vector<double> errors_px, std::vector<double> chance_px);
 

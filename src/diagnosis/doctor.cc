@@ -42,10 +42,8 @@ size_t NumPairs(std::span<const ReferenceMatch> matches) {
   return pairs.size();
 }
 
-// Says whether the fit is about as exact as the matches themselves.
 bool IsExact(const ConventionFit& fit, double baseline_error_px) {
-  constexpr double kBaselineErrors = 4;
-  return fit.median_px <= kBaselineErrors * std::max(baseline_error_px, 0.5);
+  return fit.median_px <= ExactPx(baseline_error_px);
 }
 
 // Repairs must be far nearer to the matches than depths at random, with few exceptions.
@@ -137,13 +135,12 @@ std::optional<AgreeingMatches> KeepAgreeingMatches(const DoctorInput& input,
 // depth is right or wrong.
 bool TellsDepth(const ConventionFit& fit, const ConventionResiduals& data, PoseConvention poses,
                 double baseline_error_px) {
-  constexpr double kBaselineErrors = 4;
   constexpr double kWrongBy = 0.3;  // of log z
   std::vector<double> gains_px;
   for (const auto& depth : data.Triangulated(poses)) {
     if (depth) gains_px.push_back(depth->gain_px);
   }
-  const double exact_px = kBaselineErrors * std::max(baseline_error_px, 0.5);
+  const double exact_px = ExactPx(baseline_error_px);
   const bool few = gains_px.size() < kFewestKeypoints;
   const bool as_by_chance = fit.count >= kFewestKeypoints && fit.median_chance_px <= exact_px &&
                             kWrongBy * UpperMedianOr(std::move(gains_px), 0) <= exact_px;

@@ -139,7 +139,7 @@ class UnwrapTrial {
         depths_(data.Depths(convention)),
         triangulated_(data.Triangulated(convention.poses)),
         shuffled_(data.Shuffled()),
-        exact_px_(4 * std::max(baseline_error_px, 0.5)) {}
+        exact_px_(ExactPx(baseline_error_px)) {}
 
   // Its share is of the keypoints that multiples mend: far off without them, about exact with.
   WrapFault Try(double z_modulus) const {
