@@ -50,6 +50,38 @@ if(NOT BUILD_SHARED_LIBS)
   set(CMAKE_VISIBILITY_INLINES_HIDDEN ON)
 endif()
 
+# raylift_add_kernels(<layer> <source> [FLAG...]): compiles a file once per instruction set (SimdLevel
+# in base/instruction_sets.h), with vectors of RAYLIFT_KERNEL_BYTES and a namespace RAYLIFT_KERNEL_LEVEL.
+# It takes no precompiled header: nothing that is compiled with these flags may reach the rest of the
+# program.
+set(RAYLIFT_X86_KERNELS 0)
+if(CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
+  set(RAYLIFT_X86_KERNELS 1)
+endif()
+target_compile_definitions(raylift_options INTERFACE RAYLIFT_X86_KERNELS=${RAYLIFT_X86_KERNELS})
+function(raylift_add_kernels_of layer source level bytes)
+  set(target raylift_${layer}_kernels_${level})
+  add_library(${target} OBJECT ${source})
+  target_compile_features(${target} PRIVATE cxx_std_20)
+  target_link_libraries(${target} PRIVATE raylift_options)
+  target_compile_definitions(${target} PRIVATE RAYLIFT_KERNEL_BYTES=${bytes} RAYLIFT_KERNEL_LEVEL=${level})
+  target_compile_options(${target} PRIVATE -Wno-psabi ${ARGN})
+  if(RAYLIFT_SANITIZE)  # flattened with all checks, each would take minutes to compile
+    target_compile_options(${target} PRIVATE -fno-inline)
+  else()
+    target_compile_options(${target} PRIVATE -O3)
+  endif()
+  target_sources(raylift_${layer} PRIVATE $<TARGET_OBJECTS:${target}>)
+endfunction()
+function(raylift_add_kernels layer source)
+  raylift_add_kernels_of(${layer} ${source} sse2 16 ${ARGN})
+  if(RAYLIFT_X86_KERNELS)
+    raylift_add_kernels_of(${layer} ${source} avx2 32 -mavx2 ${ARGN})
+    raylift_add_kernels_of(${layer} ${source} avx512 64
+      -mavx512f -mavx512dq -mavx512vl -mavx512bw -mprefer-vector-width=512 ${ARGN})
+  endif()
+endfunction()
+
 # raylift_add_library(<layer> SOURCES ... PUBLIC ... PRIVATE ...) makes the target raylift_<layer>
 # and its alias raylift::<layer>, which find_package(raylift COMPONENTS <layer>) gives, too.
 function(raylift_add_library layer)

@@ -9,16 +9,18 @@
 #include <limits>
 #include <utility>
 
+#include "base/instruction_sets.h"
+#include "features/dot_kernels.h"
+
 #include "raylift/base/error.h"
 #include "raylift/base/parallel.h"
 
 namespace raylift {
-
 namespace {
 
-constexpr Eigen::Index kDimensionMultiple = 16;
-constexpr Eigen::Index kRowsAtOnce = 2;
-constexpr Eigen::Index kColumnsAtOnce = 4;
+constexpr Eigen::Index kDimensionMultiple = 2;
+constexpr Eigen::Index kRowMultiple = kernels::kRowMultiple;
+constexpr Eigen::Index kTileColumns = kernels::kTileColumns;
 // Far below any descriptor, far above where its square underflows to nothing.
 constexpr float kLeastNorm = 1e-12f;
 
@@ -26,43 +28,19 @@ Eigen::Index RoundUp(Eigen::Index n, Eigen::Index multiple) {
   return (n + multiple - 1) / multiple * multiple;
 }
 
-// Two descriptors at a, four at b, each `dimension` (a multiple of kDimensionMultiple) apart: eight
-// sums stay in registers, and six loads serve eight products.
-void ComputeDots2x4(const int16_t* a, const int16_t* b, Eigen::Index dimension, int32_t* dots,
-                    Eigen::Index stride) {
-  const int16_t* const a0 = a;
-  const int16_t* const a1 = a + dimension;
-  const int16_t* const b0 = b;
-  const int16_t* const b1 = b + dimension;
-  const int16_t* const b2 = b + 2 * dimension;
-  const int16_t* const b3 = b + 3 * dimension;
-  int32_t s00 = 0, s01 = 0, s02 = 0, s03 = 0;
-  int32_t s10 = 0, s11 = 0, s12 = 0, s13 = 0;
-  for (Eigen::Index k = 0; k < dimension; ++k) {
-    s00 += a0[k] * b0[k];
-    s01 += a0[k] * b1[k];
-    s02 += a0[k] * b2[k];
-    s03 += a0[k] * b3[k];
-    s10 += a1[k] * b0[k];
-    s11 += a1[k] * b1[k];
-    s12 += a1[k] * b2[k];
-    s13 += a1[k] * b3[k];
-  }
-  dots[0] = s00;
-  dots[1] = s01;
-  dots[2] = s02;
-  dots[3] = s03;
-  dots[stride] = s10;
-  dots[stride + 1] = s11;
-  dots[stride + 2] = s12;
-  dots[stride + 3] = s13;
+kernels::MultiplyDescriptors& ActiveKernel() {
+#if RAYLIFT_X86_KERNELS
+  if (ActiveSimdLevel() == SimdLevel::kAvx512) return kernels::avx512::Multiply;
+  if (ActiveSimdLevel() == SimdLevel::kAvx2) return kernels::avx2::Multiply;
+#endif
+  return kernels::sse2::Multiply;
 }
 
 }  // namespace
 
 QuantizedDescriptors::QuantizedDescriptors(Eigen::Index dimension_in, Eigen::Index count_in)
     : dimension(dimension_in), count(count_in) {
-  values.setZero(RoundUp(dimension, kDimensionMultiple), RoundUp(count, kColumnsAtOnce));
+  values.setZero(RoundUp(dimension, kDimensionMultiple), RoundUp(count, kRowMultiple));
 }
 
 QuantizedDescriptors QuantizeDirections(const Eigen::MatrixXf& descriptors) {
@@ -81,24 +59,31 @@ QuantizedDescriptors QuantizeDirections(const Eigen::MatrixXf& descriptors) {
   return quantized;
 }
 
-Eigen::Index DotStride(const QuantizedDescriptors& columns) { return columns.values.cols(); }
-
-void ComputeDots(const QuantizedDescriptors& rows, Eigen::Index first_row, Eigen::Index num_rows,
-                 const QuantizedDescriptors& columns, std::span<int32_t> dots) {
-  const Eigen::Index stride = DotStride(columns);
-  const Eigen::Index dimension = columns.values.rows();
-  const Eigen::Index even_rows = RoundUp(num_rows, kRowsAtOnce);
-  RAYLIFT_CHECK_EQ(rows.values.rows(), dimension);
-  RAYLIFT_CHECK(first_row % kRowsAtOnce == 0 && first_row + even_rows <= rows.values.cols());
-  RAYLIFT_CHECK(static_cast<size_t>(even_rows * stride) <= dots.size());
-  for (Eigen::Index j = 0; j < stride; j += kColumnsAtOnce) {
-    for (Eigen::Index i = 0; i < even_rows; i += kRowsAtOnce) {
-      ComputeDots2x4(rows.values.col(first_row + i).data(), columns.values.col(j).data(), dimension,
-                     dots.data() + i * stride + j, stride);
+DotColumns::DotColumns(const QuantizedDescriptors& descriptors)
+    : dimension_(descriptors.values.rows()),
+      stride_(RoundUp(descriptors.count, kTileColumns)),
+      tiles_(static_cast<size_t>(stride_ * dimension_)) {
+  for (Eigen::Index j = 0; j < descriptors.count; ++j) {
+    int16_t* const column = tiles_.data() + j / kTileColumns * kTileColumns * dimension_ +
+                            j % kTileColumns * kDimensionMultiple;
+    for (Eigen::Index k = 0; k < dimension_; k += kDimensionMultiple) {
+      std::copy_n(&descriptors.values(k, j), kDimensionMultiple, column + k * kTileColumns);
     }
   }
 }
 
+void DotColumns::ComputeDots(const QuantizedDescriptors& rows, Eigen::Index first_row,
+                             Eigen::Index num_rows, std::span<int32_t> dots) const {
+  const Eigen::Index padded_rows = RoundUp(num_rows, kRowMultiple);
+  RAYLIFT_CHECK_EQ(rows.values.rows(), dimension_);
+  RAYLIFT_CHECK(first_row % kRowMultiple == 0 && first_row + padded_rows <= rows.values.cols());
+  RAYLIFT_CHECK(static_cast<size_t>(padded_rows * stride_) <= dots.size());
+  ActiveKernel()(rows.values.data() + first_row * dimension_, static_cast<size_t>(padded_rows),
+                 tiles_.data(), static_cast<size_t>(stride_ / kTileColumns),
+                 static_cast<size_t>(dimension_), dots.data(), static_cast<size_t>(stride_));
+}
+
+RAYLIFT_FOR_EACH_ISA
 size_t IndexOfMax(std::span<const int32_t> values) {
   int32_t largest = values[0];
   for (const int32_t value : values) {
@@ -107,6 +92,7 @@ size_t IndexOfMax(std::span<const int32_t> values) {
   return static_cast<size_t>(std::find(values.begin(), values.end(), largest) - values.begin());
 }
 
+RAYLIFT_FOR_EACH_ISA
 void UpdateColumnBest(std::span<const int32_t> values, int32_t row, std::span<int32_t> best,
                       std::span<int32_t> best_row) {
   for (size_t j = 0; j < values.size(); ++j) {

@@ -14,9 +14,10 @@
 namespace raylift {
 
 // Descriptors rounded to 16-bit integers. Their inner products are exact, hence the same for any
-// order of summation, thread count and machine, and about twice as fast as in float, since every
-// x86-64 multiplies and adds eight of them at once. Rounding changes a squared distance by about
-// 2e-5; neighboring descriptors of photographs are 0.1 to 1 apart.
+// order of summation, thread count and machine, and about twice as fast as in float, since one
+// instruction multiplies and adds eight of them at once, or 32 (features/dot_kernels.h). Rounding
+// changes a squared distance by about 2e-5; neighboring descriptors of photographs are 0.1 to 1
+// apart.
 
 // What 1.0 becomes. Inner products of vectors of at most unit length stay below 2^31 (for up to
 // 65536 values, rounding included).
@@ -37,12 +38,24 @@ struct QuantizedDescriptors {
 // finite) becomes zero.
 QuantizedDescriptors QuantizeDirections(const Eigen::MatrixXf& descriptors);
 
-// The products of descriptors [first_row, first_row + num_rows) of `rows` with all of `columns`,
-// row after row; a row has DotStride(columns) places, of which the first columns.count are meant.
-// first_row is even; dots has room for an even count of rows.
-Eigen::Index DotStride(const QuantizedDescriptors& columns);
-void ComputeDots(const QuantizedDescriptors& rows, Eigen::Index first_row, Eigen::Index num_rows,
-                 const QuantizedDescriptors& columns, std::span<int32_t> dots);
+// The second factor of ComputeDots, in the order in which its kernels read it.
+class DotColumns {
+ public:
+  explicit DotColumns(const QuantizedDescriptors& descriptors);
+
+  // How many products a row of ComputeDots has room for.
+  Eigen::Index stride() const { return stride_; }
+  // The products of descriptors [first_row, first_row + num_rows) of `rows` with all columns, row
+  // after row; of the stride() places of a row, as many as there are columns are meant. first_row
+  // and the count of rows that `dots` has room for are multiples of kernels::kRowMultiple.
+  void ComputeDots(const QuantizedDescriptors& rows, Eigen::Index first_row, Eigen::Index num_rows,
+                   std::span<int32_t> dots) const;
+
+ private:
+  Eigen::Index dimension_;
+  Eigen::Index stride_;
+  std::vector<int16_t> tiles_;
+};
 
 // The first of the largest values; `values` is not empty.
 size_t IndexOfMax(std::span<const int32_t> values);

@@ -89,19 +89,19 @@ std::vector<FeatureMatch> MatchMutualNearest(const Features& query, const Featur
   }
   CheckDescriptors(query, reference);
   const QuantizedDescriptors rows = QuantizeDirections(query.descriptors);
-  const QuantizedDescriptors columns = QuantizeDirections(reference.descriptors);
-  const auto num_columns = static_cast<size_t>(columns.count);
+  const DotColumns columns(QuantizeDirections(reference.descriptors));
+  const auto num_columns = static_cast<size_t>(reference.descriptors.cols());
 
   std::vector<Candidate> candidates;
   candidates.reserve(rows.count);
   std::vector<int32_t> column_best(num_columns, std::numeric_limits<int32_t>::min());
   std::vector<int32_t> column_best_row(num_columns, 0);
-  std::vector<int32_t> dots(kRowsOfBlock * DotStride(columns));
+  std::vector<int32_t> dots(kRowsOfBlock * columns.stride());
   for (Eigen::Index first = 0; first < rows.count; first += kRowsOfBlock) {
     const Eigen::Index num_rows = std::min(kRowsOfBlock, rows.count - first);
-    ComputeDots(rows, first, num_rows, columns, dots);
+    columns.ComputeDots(rows, first, num_rows, dots);
     for (Eigen::Index i = 0; i < num_rows; ++i) {
-      const std::span<const int32_t> row(dots.data() + i * DotStride(columns), num_columns);
+      const std::span<const int32_t> row(dots.data() + i * columns.stride(), num_columns);
       const size_t best = IndexOfMax(row);
       candidates.push_back(
           {static_cast<int>(best), row[best], !IsAmbiguous(row, best, reference, options)});

@@ -26,12 +26,13 @@ template <typename Visit>
 void ForEachRowOfDots(const QuantizedDescriptors& descriptors, const QuantizedDescriptors& words,
                       int threads, const Visit& visit) {
   const auto num_blocks = static_cast<size_t>((descriptors.count + kBlockRows - 1) / kBlockRows);
-  const Eigen::Index stride = DotStride(words);
+  const DotColumns columns(words);
+  const Eigen::Index stride = columns.stride();
   ParallelFor(num_blocks, threads, [&](size_t block) {
     const auto first = static_cast<Eigen::Index>(block) * kBlockRows;
     const Eigen::Index num_rows = std::min(kBlockRows, descriptors.count - first);
     std::vector<int32_t> dots(kBlockRows * stride);
-    ComputeDots(descriptors, first, num_rows, words, dots);
+    columns.ComputeDots(descriptors, first, num_rows, dots);
     for (Eigen::Index i = 0; i < num_rows; ++i) {
       visit(first + i, std::span<int32_t>(dots.data() + i * stride, words.count));
     }

@@ -15,8 +15,6 @@
 namespace raylift {
 namespace {
 
-using kernels::SimdLevel;
-
 struct ScoringProblem {
   SyntheticProblem synthetic;
   NormalizedProblem prepared;
@@ -46,12 +44,10 @@ void SetPerMatch(benchmark::State& state, int num_matches) {
 // Skips levels that this processor lacks.
 const kernels::KernelTable* TableOf(benchmark::State& state) {
   const auto level = static_cast<SimdLevel>(state.range(0));
-  state.SetLabel(std::string(kernels::ToString(level)));
-  const kernels::KernelTable* table = kernels::FindKernels(level);
-  if (table == nullptr) {
-    state.SkipWithError("not on this processor");
-  }
-  return table;
+  state.SetLabel(std::string(ToString(level)));
+  if (IsSupported(level)) return &kernels::KernelsOf(level);
+  state.SkipWithError("not on this processor");
+  return nullptr;
 }
 
 void Score2D3D(benchmark::State& state) {

@@ -178,16 +178,16 @@ TEST(D3p1, EverySimdLevelAndEveryRunGiveTheSameBytes) {
   Rng rng = TestRng();
   const CoherentProblem made = MakeCoherentProblem("bytes", UnknownScale(), rng);
   for (const Method method : {Method::kD3p1, Method::kAdaptive}) {
-    kernels::OverrideSimdLevel(kernels::SimdLevel::kSse2);
+    OverrideSimdLevel(SimdLevel::kSse2);
     const PoseEstimate expected = EstimateWith(method, made.problem);
     EXPECT_TRUE(IsIdentical(EstimateWith(method, made.problem), expected));
-    for (const auto level : {kernels::SimdLevel::kAvx2, kernels::SimdLevel::kAvx512}) {
-      if (kernels::FindKernels(level) == nullptr) continue;
-      kernels::OverrideSimdLevel(level);
+    for (const auto level : {SimdLevel::kAvx2, SimdLevel::kAvx512}) {
+      if (!IsSupported(level)) continue;
+      OverrideSimdLevel(level);
       EXPECT_TRUE(IsIdentical(EstimateWith(method, made.problem), expected))
-          << ToString(method) << " " << kernels::ToString(level);
+          << ToString(method) << " " << ToString(level);
     }
-    kernels::OverrideSimdLevel(std::nullopt);
+    OverrideSimdLevel(std::nullopt);
   }
 }
 

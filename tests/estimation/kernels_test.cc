@@ -111,29 +111,27 @@ SyntheticOptions WithCounts(int num_2d3d, int num_2d2d, int num_references) {
 
 TEST(Kernels, EverySimdLevelGivesTheSameBytes) {
   Rng rng = TestRng();
-  const kernels::KernelTable& baseline = *kernels::FindKernels(kernels::SimdLevel::kSse2);
+  const kernels::KernelTable& baseline = kernels::KernelsOf(SimdLevel::kSse2);
   for (const int count : {0, 1, 2, 7, 8, 9, 15, 16, 17, 31, 33, 100, 500}) {
     const NearTruth near = MakeNearTruth(rng, WithCounts(count, 2 * count, 5));
     const auto expected = AllOutputs(baseline, near);
-    for (const auto level : {kernels::SimdLevel::kAvx2, kernels::SimdLevel::kAvx512}) {
-      const kernels::KernelTable* table = kernels::FindKernels(level);
-      if (table == nullptr) continue;
-      EXPECT_TRUE(AllOutputs(*table, near) == expected)
-          << kernels::ToString(level) << " with " << count << " matches";
+    for (const auto level : {SimdLevel::kAvx2, SimdLevel::kAvx512}) {
+      if (!IsSupported(level)) continue;
+      EXPECT_TRUE(AllOutputs(kernels::KernelsOf(level), near) == expected)
+          << ToString(level) << " with " << count << " matches";
     }
   }
 }
 
 TEST(Kernels, FarOffPosesGiveTheSameBytesToo) {
   Rng rng = TestRng();
-  const kernels::KernelTable& baseline = *kernels::FindKernels(kernels::SimdLevel::kSse2);
+  const kernels::KernelTable& baseline = kernels::KernelsOf(SimdLevel::kSse2);
   for (int trial = 0; trial < 20; ++trial) {
     const NearTruth near = MakeNearTruth(rng, WithCounts(100, 100, 3), rng.Uniform(0, 180), 3);
     const auto expected = AllOutputs(baseline, near);
-    for (const auto level : {kernels::SimdLevel::kAvx2, kernels::SimdLevel::kAvx512}) {
-      const kernels::KernelTable* table = kernels::FindKernels(level);
-      if (table == nullptr) continue;
-      EXPECT_TRUE(AllOutputs(*table, near) == expected) << kernels::ToString(level);
+    for (const auto level : {SimdLevel::kAvx2, SimdLevel::kAvx512}) {
+      if (!IsSupported(level)) continue;
+      EXPECT_TRUE(AllOutputs(kernels::KernelsOf(level), near) == expected) << ToString(level);
     }
   }
 }
@@ -404,11 +402,6 @@ TEST(Kernels, SinglePrecisionNormalEquationsAgreeWithDouble) {
       static_cast<int>(problem.blocks_2d2d.size()), pose, centers.data(), loss);
   EXPECT_LT((Unpacked(points) - Unpacked(exact.of_2d3d)).norm(), 1e-3 * Unpacked(points).norm());
   EXPECT_LT((Unpacked(pairs) - Unpacked(exact.of_2d2d)).norm(), 1e-3 * Unpacked(pairs).norm());
-}
-
-TEST(Kernels, UnknownLevelsAreNotOffered) {
-  EXPECT_NE(kernels::FindKernels(kernels::SimdLevel::kSse2), nullptr);
-  EXPECT_NE(kernels::FindKernels(kernels::BestSimdLevel()), nullptr);
 }
 
 }  // namespace

@@ -183,15 +183,15 @@ TEST(Determinism, EverySimdLevelGivesTheSameBytes) {
   for (const Method method : kEveryMethod) {
     for (const SyntheticRegime& regime : AllRegimes()) {
       const SyntheticProblem made = MakeRegime(regime, 1, 1)[0];
-      kernels::OverrideSimdLevel(kernels::SimdLevel::kSse2);
+      OverrideSimdLevel(SimdLevel::kSse2);
       const PoseEstimate expected = EstimateWith(method, made.problem);
-      for (const auto level : {kernels::SimdLevel::kAvx2, kernels::SimdLevel::kAvx512}) {
-        if (kernels::FindKernels(level) == nullptr) continue;
-        kernels::OverrideSimdLevel(level);
+      for (const auto level : {SimdLevel::kAvx2, SimdLevel::kAvx512}) {
+        if (!IsSupported(level)) continue;
+        OverrideSimdLevel(level);
         EXPECT_TRUE(IsIdentical(EstimateWith(method, made.problem), expected))
-            << ToString(method) << " " << regime.name << " " << kernels::ToString(level);
+            << ToString(method) << " " << regime.name << " " << ToString(level);
       }
-      kernels::OverrideSimdLevel(std::nullopt);
+      OverrideSimdLevel(std::nullopt);
     }
   }
 }

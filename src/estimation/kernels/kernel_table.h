@@ -4,25 +4,22 @@
 
 #pragma once
 
-#include <optional>
-#include <string_view>
-
+#include "base/instruction_sets.h"
 #include "estimation/kernels/kernels.h"
 
 namespace raylift::kernels {
 
-enum class SimdLevel { kSse2, kAvx2, kAvx512 };
+// Returns the kernels of a level that is supported.
+inline const KernelTable& KernelsOf(SimdLevel level) {
+#if RAYLIFT_X86_KERNELS
+  if (level == SimdLevel::kAvx512) return avx512::Kernels();
+  if (level == SimdLevel::kAvx2) return avx2::Kernels();
+#endif
+  (void)level;
+  return sse2::Kernels();
+}
 
-// The best level that this processor and this build have.
-SimdLevel BestSimdLevel();
-std::string_view ToString(SimdLevel level);
-
-// Returns the kernels of a level; null if the processor or the build lacks it.
-const KernelTable* FindKernels(SimdLevel level);
-
-// Returns the kernels that the estimators use: the best level's, unless a test asked for another.
-const KernelTable& ActiveKernels();
-// For tests: nullopt returns to the best level. Not for use while estimators run.
-void OverrideSimdLevel(std::optional<SimdLevel> level);
+// Returns the kernels that the estimators use.
+inline const KernelTable& ActiveKernels() { return KernelsOf(ActiveSimdLevel()); }
 
 }  // namespace raylift::kernels

@@ -1,5 +1,5 @@
 // The kernels themselves, on vectors of RAYLIFT_KERNEL_BYTES bytes. Compiled once per instruction
-// set (CMakeLists.txt), each time with other flags: so everything here but RAYLIFT_KERNEL_TABLE has
+// set (raylift_add_kernels), each time with other flags: so everything here but Kernels() has
 // internal linkage, and no library header is used whose inline functions could leak instructions
 // that another processor lacks into the rest of the program.
 
@@ -318,7 +318,7 @@ template <typename T>
 
 }  // namespace
 
-const KernelTable& RAYLIFT_KERNEL_TABLE() {
+const KernelTable& RAYLIFT_KERNEL_LEVEL::Kernels() {
   static constexpr KernelTable kTable = {Score2D3D,
                                          Score2D2D,
                                          Residuals2D3D<double>,

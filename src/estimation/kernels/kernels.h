@@ -128,8 +128,14 @@ struct KernelTable {
                               const JointExpectation& expectation);
 };
 
-const KernelTable& KernelTableSse2();  // the baseline, on any processor
-const KernelTable& KernelTableAvx2();
-const KernelTable& KernelTableAvx512();
+namespace sse2 {  // the baseline, on any processor
+const KernelTable& Kernels();
+}
+namespace avx2 {
+const KernelTable& Kernels();
+}
+namespace avx512 {
+const KernelTable& Kernels();
+}
 
 }  // namespace raylift::kernels
