@@ -16,6 +16,7 @@ from typing import Sequence
 RAYLIFT = os.environ["RAYLIFT"]
 DEMO = Path(os.environ["RAYLIFT_SOURCE"]) / "assets/demo"
 SCENE = DEMO / "scene.toml"
+CRS = "EPSG:32632@500000,5400000,200"  # of the shared run (conftest.py)
 # Options of servers that shall answer soon.
 FAST = ("--method", "p3p", "--max-features", "512", "--align-depth", "off", "--filter", "off")
 QUERIES = {line.split()[0]: line.split(" ", 1)[1] for line in (DEMO / "queries.txt").read_text().splitlines()}
@@ -41,6 +42,11 @@ def query_form(name: str, camera: str | None = None, file: Path | None = None) -
     """Without more than the name of the demo."""
     query = json.dumps({"name": name, "camera": camera or QUERIES[name]}).encode()
     return form([("image", "any.jpg", file.read_bytes() if file else photograph(name)), ("query", None, query)])
+
+
+def cached(run: Path) -> list[Path | str]:
+    """Options of a server that takes what a run has learned and cached."""
+    return ["--cache", run / "cache", "--scene-calibration", run / "scene_calibration.json"]
 
 
 def lines_of(run: Path) -> dict[str, str]:

@@ -8,28 +8,21 @@ from typing import Any, Iterator
 
 import pytest
 
-from served import DEMO, QUERIES, RAYLIFT, SCENE, Server, photograph
+from served import CRS, DEMO, QUERIES, RAYLIFT, SCENE, Server, cached, photograph
 
-CRS = "EPSG:32632@500000,5400000,200"
 FAR = "EPSG:32632@300000,5400000,200"
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of `localize` on the demo, and its poses as GeoPose."""
-    out = tmp_path_factory.mktemp("run")
-    subprocess.run([RAYLIFT, "localize", "--scene", SCENE, "--crs", CRS, "--out", out, "--quiet"], check=True)
-    subprocess.run([RAYLIFT, "export", "geopose", out, "--out", out / "geopose"], check=True)
+def geoposes(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("geopose")
+    subprocess.run([RAYLIFT, "export", "geopose", run, "--out", out], check=True)
     return out
-
-
-def options(run: Path) -> list[Path | str]:
-    return ["--cache", run / "cache", "--scene-calibration", run / "scene_calibration.json"]
 
 
 @pytest.fixture(scope="module")
 def server(run: Path) -> Iterator[Server]:
-    with Server(*options(run), "--crs", CRS) as server:
+    with Server(*cached(run), "--crs", CRS) as server:
         yield server
 
 
@@ -62,17 +55,17 @@ def ask(server: Server, request: dict[str, Any], path: str = "/geopose") -> tupl
     return status, json.loads(body)
 
 
-def exported(run: Path, name: str) -> Any:
-    return json.loads((run / "geopose" / (name + ".json")).read_text())
+def exported(geoposes: Path, name: str) -> Any:
+    return json.loads((geoposes / (name + ".json")).read_text())
 
 
-def test_places_are_those_that_export_writes(run: Path, server: Server) -> None:
+def test_places_are_those_that_export_writes(geoposes: Path, server: Server) -> None:
     for name in sorted(QUERIES)[:4]:
         told = json.loads(server.localize(name))
-        assert told.pop("geopose") == exported(run, name)
+        assert told.pop("geopose") == exported(geoposes, name)
         status, answer = ask(server, request_of(name))
         assert status == 200, answer
-        assert answer["geopose"] == exported(run, name)
+        assert answer["geopose"] == exported(geoposes, name)
         assert answer["id"] == name and answer["timestamp"] == 1700000000123 and answer["type"] == "geopose"
         assert answer["scene"] == "demo" and answer["verdict"] == "localized"
         assert 0 < answer["accuracy"]["position"] < 0.1 and 0 < answer["accuracy"]["orientation"] < 1
@@ -85,7 +78,7 @@ def test_but_for_the_place_a_line_is_that_of_the_command_line(run: Path, server:
     assert line.startswith(lines[name][:-1] + ',"geopose":')
 
 
-def test_places_are_those_of_pyproj(run: Path) -> None:
+def test_places_are_those_of_pyproj(run: Path, geoposes: Path) -> None:
     pyproj = pytest.importorskip("pyproj")
     to_earth = pyproj.Transformer.from_crs("EPSG:32632", "EPSG:4326", always_xy=True)
     for line in (run / "queries.jsonl").read_text().splitlines():
@@ -97,14 +90,14 @@ def test_places_are_those_of_pyproj(run: Path) -> None:
                     [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]]
         center = [-sum(rotation[row][i] * t[row] for row in range(3)) for i in range(3)]
         lon, lat = to_earth.transform(center[0] + 500000, center[1] + 5400000)
-        place = exported(run, query["name"])["position"]
+        place = exported(geoposes, query["name"])["position"]
         assert place["lon"] == pytest.approx(lon, abs=1e-9) and place["lat"] == pytest.approx(lat, abs=1e-9)
         assert place["h"] == pytest.approx(center[2] + 200, abs=1e-6)
 
 
-def test_a_position_by_gnss_is_taken_and_does_not_spoil_the_pose(run: Path, server: Server) -> None:
+def test_a_position_by_gnss_is_taken_and_does_not_spoil_the_pose(geoposes: Path, server: Server) -> None:
     name = sorted(QUERIES)[0]
-    place = exported(run, name)["position"]
+    place = exported(geoposes, name)["position"]
     for key in ("geolocationReadings", "geoLocationReadings"):
         status, answer = ask(server, request_of(name, **{key: geolocation(place, accuracy=5, east=4, north=3)}))
         assert status == 200
@@ -120,9 +113,9 @@ def scene_file(folder: Path, name: str, crs: str) -> Path:
     return file
 
 
-def test_the_nearest_scene_answers(run: Path, tmp_path: Path) -> None:
+def test_the_nearest_scene_answers(run: Path, geoposes: Path, tmp_path: Path) -> None:
     name = sorted(QUERIES)[0]
-    place = exported(run, name)["position"]
+    place = exported(geoposes, name)["position"]
     with Server("--cache", run / "cache", scenes=(scene_file(tmp_path, "far", FAR), scene_file(tmp_path, "near", CRS))) as server:
         status, answer = ask(server, request_of(name))
         assert status == 400 and answer["field"] == "scene"
@@ -135,7 +128,7 @@ def test_the_nearest_scene_answers(run: Path, tmp_path: Path) -> None:
         assert status == 404 and answer["field"] == "scene"
 
 
-def test_what_is_wrong_is_told(run: Path, server: Server) -> None:
+def test_what_is_wrong_is_told(server: Server) -> None:
     name = sorted(QUERIES)[0]
     request = request_of(name)
     assert ask(server, request, "/geopose?scene=other")[1]["field"] == "scene"
@@ -150,14 +143,14 @@ def test_what_is_wrong_is_told(run: Path, server: Server) -> None:
 
 
 def test_a_scene_without_a_crs_has_no_place(run: Path) -> None:
-    with Server(*options(run)) as server:
+    with Server(*cached(run)) as server:
         status, answer = ask(server, request_of(sorted(QUERIES)[0]))
         assert status == 404 and answer["field"] == "scene" and "CRS" in answer["detail"]
         assert "geopose" not in json.loads(server.localize(sorted(QUERIES)[0]))
 
 
 def test_a_system_that_is_not_meant_for_the_scene_is_refused(run: Path) -> None:
-    done = subprocess.run([RAYLIFT, "serve", SCENE, "--port", "0", "--crs", "EPSG:25832", *options(run)],
+    done = subprocess.run([RAYLIFT, "serve", SCENE, "--port", "0", "--crs", "EPSG:25832", *cached(run)],
                           capture_output=True, text=True)
     assert done.returncode == 3, done
     assert len(done.stderr.splitlines()) == 1 and "EPSG:25832" in done.stderr

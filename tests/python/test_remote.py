@@ -9,7 +9,7 @@ from typing import Iterator
 
 import pytest
 
-from served import DEMO, QUERIES, RAYLIFT, SCENE, Server
+from served import DEMO, QUERIES, RAYLIFT, SCENE, Server, cached
 
 
 def localize(out: Path, *options: Path | str) -> subprocess.CompletedProcess[str]:
@@ -18,18 +18,10 @@ def localize(out: Path, *options: Path | str) -> subprocess.CompletedProcess[str
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("remote") / "run"
-    assert localize(out, "--quiet").returncode == 0
-    return out
-
-
-@pytest.fixture(scope="module")
-def server(run: Path) -> Iterator[Server]:
-    tokens = run.parent / "tokens.txt"
+def server(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    tokens = tmp_path_factory.mktemp("remote") / "tokens.txt"
     tokens.write_text("secret\n")
-    with Server("--cache", run / "cache", "--scene-calibration", run / "scene_calibration.json",
-                "--tokens", tokens, "--max-queue", "1", "--crs", "EPSG:25832@460000,5420000,100") as server:
+    with Server(*cached(run), "--tokens", tokens, "--max-queue", "1", "--crs", "EPSG:25832@460000,5420000,100") as server:
         yield server
 
 
@@ -51,8 +43,7 @@ def test_photographs_of_unknown_cameras_are_those_without_a_server(
     for name in sorted(QUERIES)[:2]:
         shutil.copy(DEMO / "images" / name, tmp_path / "photos")
     options: list[Path | str] = ["--queries", tmp_path / "photos", "--query-images", tmp_path / "photos"]
-    local = localize(tmp_path / "local", *options, "--quiet", "--cache", run / "cache",
-                     "--scene-calibration", run / "scene_calibration.json")
+    local = localize(tmp_path / "local", *options, "--quiet", *cached(run))
     remote = localize(tmp_path / "remote", *options, "--server", server.url, "--token-file", tmp_path / "token")
     assert local.returncode == remote.returncode == 0, local.stderr + remote.stderr
     assert (tmp_path / "remote/poses.txt").read_bytes() == (tmp_path / "local/poses.txt").read_bytes()

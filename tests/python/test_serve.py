@@ -20,24 +20,12 @@ import pytest
 
 import raylift
 from served import (
-    DEMO, FAST, QUERIES, RAYLIFT, SCENE, Answer, Server, form, lines_of, photograph, query_form)
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of `localize` on the demo."""
-    out = tmp_path_factory.mktemp("run")
-    subprocess.run([RAYLIFT, "localize", "--scene", SCENE, "--out", out, "--quiet"], check=True)
-    return out
-
-
-def serve(run: Path) -> Server:
-    return Server("--cache", run / "cache", "--scene-calibration", run / "scene_calibration.json")
+    DEMO, FAST, QUERIES, RAYLIFT, SCENE, Answer, Server, cached, form, lines_of, photograph, query_form)
 
 
 @pytest.fixture(scope="module")
 def server(run: Path) -> Iterator[Server]:
-    with serve(run) as server:
+    with Server(*cached(run)) as server:
         yield server
 
 
@@ -202,7 +190,7 @@ def test_features_that_the_scene_has_lost_are_no_fault_of_the_client(tmp_path: P
 
 
 def test_sigterm_answers_what_is_there_and_ends_with_0(run: Path) -> None:
-    with serve(run) as server, ThreadPoolExecutor(4) as clients:
+    with Server(*cached(run)) as server, ThreadPoolExecutor(4) as clients:
         answers = [clients.submit(server.localize, name) for name in sorted(QUERIES)[:4]]
         while b"raylift_body_bytes 0\n" in server.ask("/metrics")[2] and not all(a.done() for a in answers):
             time.sleep(0.005)
@@ -213,13 +201,13 @@ def test_sigterm_answers_what_is_there_and_ends_with_0(run: Path) -> None:
 
 
 def test_sigterm_ends_an_idle_server_with_0(run: Path) -> None:
-    with serve(run) as server:
+    with Server(*cached(run)) as server:
         assert server.ask("/healthz")[0] == 200
         assert server.end() == (0, "")
 
 
 def test_connections_end_with_their_answer_once_the_server_is_about_to_end(run: Path) -> None:
-    options = ("--cache", run / "cache", "--scene-calibration", run / "scene_calibration.json", "--drain-delay", "600s")
+    options = (*cached(run), "--drain-delay", "600s")
     with Server(*options) as server:
         connection = http.client.HTTPConnection(*server.address, timeout=60)
         statuses = []

@@ -12,7 +12,7 @@ from typing import Iterator
 
 import pytest
 
-from served import QUERIES, Server, photograph
+from served import CRS, QUERIES, Server, cached, photograph
 
 CHROMIUM = shutil.which("chromium") or ""
 pytestmark = pytest.mark.skipif(not CHROMIUM, reason="chromium is not installed")
@@ -76,10 +76,10 @@ def look(url: str, width: int, *options: str) -> str:
 
 
 @pytest.fixture(scope="module")
-def page() -> Iterator[str]:
+def page(run: Path) -> Iterator[str]:
     name = sorted(QUERIES)[0]
     Proxy.script = CHOOSE % (base64.b64encode(photograph(name)).decode(), QUERIES[name])
-    with Server("--crs", "EPSG:32632@500000,5400000,200") as server, \
+    with Server(*cached(run), "--crs", CRS) as server, \
             http.server.ThreadingHTTPServer(("127.0.0.1", 0), Proxy) as proxy:
         Proxy.url = server.url
         threading.Thread(target=proxy.serve_forever, daemon=True).start()

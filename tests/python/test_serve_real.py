@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from served import DEMO, RAYLIFT, Server, lines_of, query_form
+from served import DEMO, RAYLIFT, Server, cached, lines_of, query_form
 
 sys.path.append(str(DEMO.parents[1] / "tests/bench"))
 import bench_serve  # noqa: E402
@@ -20,8 +20,7 @@ def test_answers_are_those_of_the_command_line_to_8_clients_at_once(tmp_path: Pa
     scene, images, cameras = scenes["rgbd_small"]
     run = tmp_path / "run"
     subprocess.run([RAYLIFT, "localize", "--scene", scene, "--no-doctor", "--out", run, "--quiet"], check=True)
-    with Server("--cache", run / "cache", "--scene-calibration", run / "scene_calibration.json",
-                scenes=[scene]) as server:
+    with Server(*cached(run), scenes=[scene]) as server:
         requests = {name: query_form(name, camera, images / name) for name, camera in cameras.items()}
         answers = server.answer_8_at_once(requests)
     assert len(answers) == 10 and answers == lines_of(run)

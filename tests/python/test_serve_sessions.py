@@ -9,7 +9,7 @@ from typing import Any, Iterator
 import pytest
 
 import raylift
-from served import DEMO, FAST, QUERIES, RAYLIFT, SCENE, Server, form, lines_of
+from served import DEMO, FAST, QUERIES, RAYLIFT, SCENE, Server, cached, form, lines_of
 from synthetic import some
 
 NAMES = sorted(QUERIES)
@@ -43,8 +43,7 @@ def lines(walk: Path) -> dict[str, str]:
 
 def serve(walk: Path, key: str | None = "key", scene: Path = SCENE) -> Server:
     options = ("--session-key", walk / key) if key else ()
-    return Server(*FAST, "--cache", walk / "run/cache", "--scene-calibration", walk / "run/scene_calibration.json",
-                  *options, scenes=[scene])
+    return Server(*FAST, *cached(walk / "run"), *options, scenes=[scene])
 
 
 @pytest.fixture(scope="module")
