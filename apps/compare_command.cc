@@ -323,8 +323,7 @@ class CompareRun {
 
   // From now on there is a manifest, and nothing else of a former run that is overwritten.
   void OpenJob(const std::string& options_json) {
-    std::vector<std::string> names;
-    for (size_t i = 0; i < NumTasks(); ++i) names.push_back(queries_[i].name);
+    const std::vector<std::string> names = NamesOf(std::span(queries_).first(NumTasks()));
     JobFolder folder;
     folder.out = flags_.Folder();
     folder.resume = flags_.resume;

@@ -23,6 +23,7 @@
 #include "raylift/io/scene_file.h"
 #include "raylift/lifting/geometry_spec.h"
 #include "raylift/localization/result_files.h"
+#include "raylift/localization/scene.h"
 
 namespace raylift {
 namespace {
@@ -85,8 +86,7 @@ void EvaluateTrajectories(const EvaluateFlags& flags, const std::vector<std::str
 
 // Tells what is wrong with each file; InputError at the end where anything is.
 void CheckSubmissions(const EvaluateFlags& flags) {
-  std::vector<std::string> names;
-  for (const Query& query : ReadQueryList(flags.queries)) names.push_back(query.name);
+  const std::vector<std::string> names = NamesOf(ReadQueryList(flags.queries));
   std::vector<Eigen::Vector3d> centers;
   if (!flags.model.empty()) {
     for (const PosedImage& image : ReadColmapModel(flags.model).PosedImages()) {

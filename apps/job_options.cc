@@ -109,14 +109,6 @@ std::string GeometryFingerprint(const SceneSource& source, const SceneInputs& in
   return {};
 }
 
-template <typename T>
-std::vector<std::string> NamesOf(std::span<const T> images) {
-  std::vector<std::string> names;
-  names.reserve(images.size());
-  for (const T& image : images) names.push_back(image.name);
-  return names;
-}
-
 }  // namespace
 
 void JobFlags::Check() const {
@@ -205,8 +197,7 @@ Json InputsJson(const SceneInputs& inputs, const Scene& scene, std::span<const Q
   add_file("query-global-features", retrieval.global_features.queries);
   add_file("prior-poses", retrieval.prior_poses);
   if (!inputs.images.empty()) {
-    json["images"] = SizesFingerprint(
-        inputs.images, NamesOf(std::span<const PosedImage>(scene.references.images)));
+    json["images"] = SizesFingerprint(inputs.images, NamesOf(scene.references.images));
   }
   if (!inputs.query_images.empty()) {
     json["query-images"] = SizesFingerprint(inputs.query_images, NamesOf(queries));

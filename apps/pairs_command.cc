@@ -118,7 +118,7 @@ class PairsRun {
       return RetrieveReferences(queries_, References(), options_);
     }
     return {RetrieveByVlad(
-                queries_, References(),
+                queries_, loaded_.references,
                 {.reference_images = flags_.images,
                  .query_images = QueryImages(),
                  .cache = flags_.cache.empty() ? flags_.out.parent_path() / "cache" : flags_.cache,
@@ -126,7 +126,8 @@ class PairsRun {
                  .max_features = flags_.max_features,
                  .seed = flags_.seed,
                  .threads = flags_.run.threads,
-                 .show_progress = !flags_.run.quiet}),
+                 .show_progress = !flags_.run.quiet,
+                 .among_references = true}),
             {}};
   }
 

@@ -173,6 +173,20 @@ std::vector<Query> QueriesOf(const ReferenceSet& references) {
   return queries;
 }
 
+std::vector<std::string> NamesOf(std::span<const PosedImage> images) {
+  std::vector<std::string> names;
+  names.reserve(images.size());
+  for (const PosedImage& image : images) names.push_back(image.name);
+  return names;
+}
+
+std::vector<std::string> NamesOf(std::span<const Query> queries) {
+  std::vector<std::string> names;
+  names.reserve(queries.size());
+  for (const Query& query : queries) names.push_back(query.name);
+  return names;
+}
+
 std::map<std::string, Rigid3> PosesOf(const ReferenceSet& references) {
   std::map<std::string, Rigid3> poses;
   for (const PosedImage& image : references.images) poses.emplace(image.name, image.cam_from_world);

@@ -9,12 +9,6 @@
 namespace raylift {
 namespace {
 
-std::vector<std::string> NamesOf(const std::vector<PosedImage>& images) {
-  std::vector<std::string> names;
-  for (const PosedImage& image : images) names.push_back(image.name);
-  return names;
-}
-
 using StringVector = std::vector<std::string>;
 
 TEST(References, EveryNthIsTakenByNameFromTheFirstOn) {

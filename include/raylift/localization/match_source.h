@@ -120,8 +120,10 @@ struct FrontEndOptions {
   uint64_t seed = 0;
   int threads = 0;
   bool show_progress = false;
-  // The references of each query where they were not to be retrieved by VLAD.
+  // The references of each query where they were not to be retrieved by VLAD, and what is to be told
+  // of that retrieval.
   std::optional<RetrievedLists> retrieved = std::nullopt;
+  std::vector<std::string> retrieval_warnings = {};
   // Queries may be references, which are matched with the others.
   bool among_references = false;
   // With a number, queries may become references, up to so many of the top_k; Match() itself

@@ -66,6 +66,10 @@ LoadedReferences LoadReferences(const std::filesystem::path& model, int every,
 std::vector<Query> QueriesOf(const ReferenceSet& references);
 std::map<std::string, Rigid3> PosesOf(const ReferenceSet& references);
 
+// In their order.
+std::vector<std::string> NamesOf(std::span<const PosedImage> images);
+std::vector<std::string> NamesOf(std::span<const Query> queries);
+
 // A source of geometry of a scene.
 struct SceneSource {
   NamedGeometry geometry;

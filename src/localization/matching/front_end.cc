@@ -5,12 +5,14 @@
 #include <memory>
 #include <mutex>
 #include <set>
+#include <span>
 #include <string>
 #include <utility>
 
 #include "localization/matching/feature_store.h"
 #include "localization/matching/file_matches.h"
 #include "localization/matching/pixel_matches.h"
+#include "localization/retrieval/retrieval.h"
 #include "localization/retrieval/vlad_index.h"
 #include <fmt/format.h>
 
@@ -29,7 +31,7 @@ namespace {
 
 // All images whose features are not known, each once.
 std::vector<ImageFile> ImagesOf(const FrontEndOptions& options, const ReferenceSet& references,
-                                const std::vector<Query>& queries) {
+                                std::span<const Query> queries) {
   std::vector<ImageFile> files;
   const auto want = [&](const std::string& name, const std::filesystem::path& folder) {
     if (!options.features.contains(name)) files.push_back({name, folder / name});
@@ -59,11 +61,12 @@ FeatureCacheOptions CacheOf(const FrontEndOptions& options) {
           .show_progress = options.show_progress};
 }
 
-std::vector<std::string> NamesOf(const std::vector<PosedImage>& images) {
-  std::vector<std::string> names;
-  names.reserve(images.size());
-  for (const PosedImage& image : images) names.push_back(image.name);
-  return names;
+VladIndex IndexOf(const std::vector<PosedImage>& references, const FeatureStore& features,
+                  const FrontEndOptions& options) {
+  std::vector<std::string> names = NamesOf(references);
+  VladVectors vectors =
+      ComputeOrReadVladVectors(names, features, options.cache, options.seed, options.threads);
+  return {std::move(names), std::move(vectors)};
 }
 
 class FrontEndMatches final : public MatchSource {
@@ -116,7 +119,11 @@ class FrontEndMatches final : public MatchSource {
     joined_->Join(localized_query, features_->Get(localized_query.name)->features);
   }
 
-  std::vector<std::string> Warnings() const override { return warnings_.All(); }
+  std::vector<std::string> Warnings() const override {
+    std::vector<std::string> all = options_.retrieval_warnings;
+    for (std::string& warning : warnings_.All()) all.push_back(std::move(warning));
+    return all;
+  }
 
  private:
   QueryMatches MatchInMemory(const Query& query, const Image* photograph,
@@ -212,12 +219,8 @@ class FrontEndMatches final : public MatchSource {
   // Made when it is first wanted: other ways to retrieve need none.
   const std::shared_ptr<const VladIndex>& Index() const {
     std::call_once(index_is_made_, [this] {
-      std::vector<std::string> names = NamesOf(references_);
-      VladVectors vectors = ReadOpened([&] {
-        return ComputeOrReadVladVectors(names, *features_, options_.cache, options_.seed,
-                                        options_.threads);
-      });
-      index_ = std::make_shared<const VladIndex>(std::move(names), std::move(vectors));
+      index_ = std::make_shared<const VladIndex>(
+          ReadOpened([this] { return IndexOf(references_, *features_, options_); }));
     });
     return index_;
   }
@@ -232,9 +235,7 @@ class FrontEndMatches final : public MatchSource {
 
   void Retrieve(const std::vector<Query>& queries) {
     if (queries.empty()) return;
-    std::vector<std::string> query_names;
-    query_names.reserve(queries.size());
-    for (const Query& query : queries) query_names.push_back(query.name);
+    const std::vector<std::string> query_names = NamesOf(queries);
     const RetrievedLists ranks =
         options_.retrieved
             ? *options_.retrieved
@@ -268,14 +269,21 @@ class FrontEndMatches final : public MatchSource {
 
 }  // namespace
 
+RetrievedLists RetrieveByVlad(std::span<const Query> queries, const ReferenceSet& references,
+                              const FrontEndOptions& options) {
+  const auto features =
+      ExtractOrReadFeatures(ImagesOf(options, references, queries), CacheOf(options));
+  return RetrieveByVlad(IndexOf(references.images, *features, options), NamesOf(queries), *features,
+                        options.top_k, options.threads);
+}
+
 FeatureCount PrepareFrontEnd(const FrontEndOptions& options, const ReferenceSet& references,
                              const std::vector<Query>& queries, const Shard& shard, bool for_vlad) {
   const FeatureCount count =
       PrepareFeatures(ImagesOf(options, references, queries), shard, CacheOf(options));
   if (count.missing > 0 || !for_vlad) return count;
   const auto features = ExtractOrReadFeatures(ImagesOf(options, references, {}), CacheOf(options));
-  ComputeOrReadVladVectors(NamesOf(references.images), *features, options.cache, options.seed,
-                           options.threads);
+  IndexOf(references.images, *features, options);  // keeps its vectors
   return count;
 }
 

@@ -32,35 +32,6 @@ void MatchSource::Join(const PosedImage& localized_query) {
 
 namespace {
 
-// The matches of another source, with warnings of what came before them.
-class WithWarnings final : public MatchSource {
- public:
-  WithWarnings(std::unique_ptr<MatchSource> source, std::vector<std::string> warnings)
-      : source_(std::move(source)), warnings_(std::move(warnings)) {}
-
-  QueryMatches Match(const Query& query) const override { return source_->Match(query); }
-  QueryMatches MatchPhotograph(const Query& query, const Image& photograph) const override {
-    return source_->MatchPhotograph(query, photograph);
-  }
-  QueryMatches MatchFeatures(const Query& query, const Features& features) const override {
-    return source_->MatchFeatures(query, features);
-  }
-  bool MatchesReferences() const override { return source_->MatchesReferences(); }
-  QueryMatches MatchReference(const Query& reference) const override {
-    return source_->MatchReference(reference);
-  }
-  void Join(const PosedImage& localized_query) override { source_->Join(localized_query); }
-  std::vector<std::string> Warnings() const override {
-    std::vector<std::string> all = warnings_;
-    for (std::string& warning : source_->Warnings()) all.push_back(std::move(warning));
-    return all;
-  }
-
- private:
-  std::unique_ptr<MatchSource> source_;
-  std::vector<std::string> warnings_;
-};
-
 FrontEndOptions FrontEndOf(const Scene& scene, const MatchingOptions& options) {
   FrontEndOptions front_end = options.front_end;
   front_end.reference_images = scene.images;
@@ -93,7 +64,6 @@ std::unique_ptr<MatchSource> OpenMatches(const Scene& scene, std::span<const Que
                            options.reading);
   }
   FrontEndOptions front_end = FrontEndOf(scene, options);
-  std::vector<std::string> warnings;
   if (options.retrieval && options.retrieval->method != RetrievalMethod::kVlad) {
     RetrievalOptions how = *options.retrieval;
     how.top_k = options.top_k;
@@ -105,11 +75,9 @@ std::unique_ptr<MatchSource> OpenMatches(const Scene& scene, std::span<const Que
     if (how.covisibility == nullptr) how.covisibility = scene.covisibility;
     Retrieval retrieval = RetrieveReferences(queries, scene.references.images, how);
     front_end.retrieved = std::move(retrieval.lists);
-    warnings = std::move(retrieval.warnings);
+    front_end.retrieval_warnings = std::move(retrieval.warnings);
   }
-  auto source = MakeFrontEndMatches(front_end, scene.references, {queries.begin(), queries.end()});
-  if (warnings.empty()) return source;
-  return std::make_unique<WithWarnings>(std::move(source), std::move(warnings));
+  return MakeFrontEndMatches(front_end, scene.references, {queries.begin(), queries.end()});
 }
 
 FeatureCount PrepareMatches(const Scene& scene, std::span<const Query> queries,

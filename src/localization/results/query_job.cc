@@ -19,13 +19,6 @@ namespace {
 
 constexpr std::array kWalkFiles = {"walk.json", "trajectory.txt", "trajectory_covariance.txt"};
 
-std::vector<std::string> NamesOf(std::span<const Query> queries) {
-  std::vector<std::string> names;
-  names.reserve(queries.size());
-  for (const Query& query : queries) names.push_back(query.name);
-  return names;
-}
-
 }  // namespace
 
 JobForm QueryJobForm() {

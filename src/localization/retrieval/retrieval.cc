@@ -2,31 +2,21 @@
 
 #include <algorithm>
 #include <numeric>
-#include <set>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "base/progress.h"
 #include "features/dot_products.h"
-#include "localization/matching/feature_store.h"
-#include "localization/retrieval/vlad_index.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/io/hloc_files.h"
+#include "raylift/localization/scene.h"
 
 namespace raylift {
 
 namespace {
-
-template <typename T>
-std::vector<std::string> NamesOf(std::span<const T> images) {
-  std::vector<std::string> names;
-  names.reserve(images.size());
-  for (const T& image : images) names.push_back(image.name);
-  return names;
-}
 
 // "2 of 5 queries, e.g. a.jpg, ..."; none where there are none. All of them are an error.
 std::vector<std::string> WarnOf(const std::vector<std::string>& names, size_t of,
@@ -129,34 +119,6 @@ Retrieval RetrieveReferences(std::span<const Query> queries, std::span<const Pos
     }
   }
   return retrieval;
-}
-
-// Retrieval by VLAD from photographs on disk.
-
-RetrievedLists RetrieveByVlad(std::span<const Query> queries,
-                              std::span<const PosedImage> references,
-                              const FrontEndOptions& options) {
-  std::vector<ImageFile> files;
-  std::vector<std::string> query_names, reference_names;
-  for (const PosedImage& image : references) {
-    reference_names.push_back(image.name);
-    files.push_back({image.name, options.reference_images / image.name});
-  }
-  const std::set<std::string> known(reference_names.begin(), reference_names.end());
-  for (const Query& query : queries) {
-    query_names.push_back(query.name);
-    if (!known.contains(query.name)) {
-      files.push_back({query.name, options.query_images / query.name});
-    }
-  }
-  const auto features = ExtractOrReadFeatures(files, {.folder = options.cache,
-                                                      .max_features = options.max_features,
-                                                      .threads = options.threads,
-                                                      .show_progress = options.show_progress});
-  VladVectors vectors = ComputeOrReadVladVectors(reference_names, *features, options.cache,
-                                                 options.seed, options.threads);
-  const VladIndex index(std::move(reference_names), std::move(vectors));
-  return RetrieveByVlad(index, query_names, *features, options.top_k, options.threads);
 }
 
 // Retrieval by global descriptors from files that need not fit into memory.

@@ -40,9 +40,8 @@ struct Retrieval {
 Retrieval RetrieveReferences(std::span<const Query> queries, std::span<const PosedImage> references,
                              const RetrievalOptions& options);
 
-// Retrieves by VLAD as the built-in front end does, with its cache of features.
-RetrievedLists RetrieveByVlad(std::span<const Query> queries,
-                              std::span<const PosedImage> references,
+// Retrieves by VLAD as the built-in front end does, with its cache of features (front_end.cc).
+RetrievedLists RetrieveByVlad(std::span<const Query> queries, const ReferenceSet& references,
                               const FrontEndOptions& options);
 
 // The parts of RetrieveReferences. The lower index is first among equals.
