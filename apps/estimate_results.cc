@@ -22,6 +22,8 @@ constexpr const char* kJson = "estimates.json";
 constexpr const char* kTiming = "timing.jsonl";
 constexpr const char* kTime = "time_ms";
 
+bool HasPose(const EstimateRow& row) { return row.at("status") == "ok"; }
+
 std::string Number(const EstimateRow& value) { return FormatDouble(value.get<double>()); }
 
 TableRow CsvFields(const EstimateRow& row) {
@@ -73,8 +75,6 @@ EstimateRow MakeEstimateRow(const std::string& name, const std::string& file, Me
   row.update(ToJson(estimate));
   return row;
 }
-
-bool HasPose(const EstimateRow& row) { return row.at("status") == "ok"; }
 
 std::string FormatEstimatesCsv(std::span<const EstimateRow> rows) {
   TableRow names = {"name",         "method",       "status",     "qw",    "qx",

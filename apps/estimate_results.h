@@ -22,7 +22,6 @@ using EstimateRow = nlohmann::ordered_json;
 EstimateRow MakeEstimateRow(const std::string& name, const std::string& file, Method method,
                             const PoseEstimate& estimate, double time_ms);
 
-bool HasPose(const EstimateRow& row);
 std::string FormatEstimatesCsv(std::span<const EstimateRow> rows);
 std::string FormatEstimatesJson(std::span<const EstimateRow> rows);
 std::vector<NamedPose> PosesOf(std::span<const EstimateRow> rows);

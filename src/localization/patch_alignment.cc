@@ -12,6 +12,13 @@
 namespace raylift {
 namespace {
 
+constexpr int kMaxPatches = 600;
+// Shares of the longer side: half a patch's side, and how far from its place it is looked for.
+constexpr double kHalfSide = 1.0 / 40;
+constexpr double kSearchRadius = 0.02;
+// Its square is the share of the patch's variance that the photograph shows, one half here.
+constexpr double kLeastCorrelation = 0.7071;
+
 cv::Mat ToFloat(const Image& gray, cv::Size size) {
   cv::Mat values;
   AsMat(gray).convertTo(values, CV_32F);
@@ -20,8 +27,7 @@ cv::Mat ToFloat(const Image& gray, cv::Size size) {
 }
 
 // Returns the corners whose patches lie within the rendering and the mask.
-std::vector<cv::Point> Corners(const cv::Mat& rendering, const Image& mask, int half_px,
-                               int max_count) {
+std::vector<cv::Point> Corners(const cv::Mat& rendering, const Image& mask, int half_px) {
   cv::Mat inside;
   const int side_px = 2 * half_px + 1;
   cv::erode(AsMat(mask), inside, cv::Mat::ones(side_px, side_px, CV_8U), {-1, -1}, 1,
@@ -29,7 +35,7 @@ std::vector<cv::Point> Corners(const cv::Mat& rendering, const Image& mask, int 
   // As many as there are: a weak one is a corner, too, and the correlation judges it.
   constexpr double kLeastQuality = 1e-4;
   std::vector<cv::Point2f> found;
-  cv::goodFeaturesToTrack(rendering, found, max_count, kLeastQuality, half_px / 2.0, inside,
+  cv::goodFeaturesToTrack(rendering, found, kMaxPatches, kLeastQuality, half_px / 2.0, inside,
                           half_px);
   std::vector<cv::Point> corners;
   for (const cv::Point2f& corner : found)
@@ -57,11 +63,11 @@ std::optional<Eigen::Vector2d> PeakBeside(const cv::Mat& correlation, cv::Point 
 
 // Returns the highest correlation's place, to a fraction of a pixel; nullopt where it is on the
 // border or too low.
-std::optional<Eigen::Vector2d> Peak(const cv::Mat& correlation, double least) {
+std::optional<Eigen::Vector2d> Peak(const cv::Mat& correlation) {
   double best = 0;
   cv::Point at;
   cv::minMaxLoc(correlation, nullptr, &best, nullptr, &at);
-  if (!(best >= least) || at.x == 0 || at.y == 0 || at.x == correlation.cols - 1 ||
+  if (!(best >= kLeastCorrelation) || at.x == 0 || at.y == 0 || at.x == correlation.cols - 1 ||
       at.y == correlation.rows - 1) {
     return std::nullopt;
   }
@@ -73,7 +79,7 @@ std::optional<Eigen::Vector2d> Peak(const cv::Mat& correlation, double least) {
 }  // namespace
 
 std::vector<PatchMatch> AlignPatches(const Image& photograph, const Image& rendering,
-                                     const Image& mask, const PatchOptions& options) {
+                                     const Image& mask) {
   const cv::Size size(rendering.width_px, rendering.height_px);
   const cv::Mat seen = ToFloat(photograph, size);
   const cv::Mat rendered = ToFloat(rendering, size);
@@ -81,18 +87,18 @@ std::vector<PatchMatch> AlignPatches(const Image& photograph, const Image& rende
       static_cast<double>(photograph.width_px) / size.width,
       static_cast<double>(photograph.height_px) / size.height);
   const double longer_px = std::max(seen.cols, seen.rows);
-  const int half_px = std::max(3, static_cast<int>(std::lround(options.half_side * longer_px)));
-  const int reach_px = half_px + std::max(2, static_cast<int>(options.search_radius * longer_px));
+  const int half_px = std::max(3, static_cast<int>(std::lround(kHalfSide * longer_px)));
+  const int reach_px = half_px + std::max(2, static_cast<int>(kSearchRadius * longer_px));
   const cv::Rect all({0, 0}, seen.size());
   std::vector<PatchMatch> matches;
   cv::Mat correlation;
-  for (const cv::Point& corner : Corners(rendered, mask, half_px, options.max_patches)) {
+  for (const cv::Point& corner : Corners(rendered, mask, half_px)) {
     const auto around = [&](int px) {
       return cv::Rect(corner.x - px, corner.y - px, 2 * px + 1, 2 * px + 1) & all;
     };
     const cv::Rect searched = around(reach_px);
     cv::matchTemplate(seen(searched), rendered(around(half_px)), correlation, cv::TM_CCOEFF_NORMED);
-    const auto peak = Peak(correlation, options.min_correlation);
+    const auto peak = Peak(correlation);
     if (!peak) continue;
     const Eigen::Array2d found =
         peak->array() + Eigen::Array2d(searched.x, searched.y) + half_px + 0.5;

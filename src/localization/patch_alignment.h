@@ -12,16 +12,6 @@
 
 namespace raylift {
 
-struct PatchOptions {
-  int max_patches = 600;
-  // Shares of the longer side: half a patch's side, and how far from its place it is looked for.
-  double half_side = 1.0 / 40;
-  double search_radius = 0.02;
-  // Least correlation: its square is the share of the patch's variance that the photograph shows,
-  // one half here.
-  double min_correlation = 0.7071;
-};
-
 struct PatchMatch {
   Eigen::Vector2d rendering_px;
   Eigen::Vector2d photograph_px;
@@ -32,6 +22,6 @@ struct PatchMatch {
 // rendering's size where it is larger; `mask` is 0 where the rendering shows nothing, and no patch
 // holds such a pixel.
 std::vector<PatchMatch> AlignPatches(const Image& photograph, const Image& rendering,
-                                     const Image& mask, const PatchOptions& options = {});
+                                     const Image& mask);
 
 }  // namespace raylift

@@ -140,11 +140,6 @@ std::vector<size_t> Keep(const std::filesystem::path& model, const std::vector<P
 
 }  // namespace
 
-LoadedReferences LoadReferences(const std::filesystem::path& model, int every,
-                                PoseConvention poses) {
-  return LoadReferences(model, Subsampling{.every = every}, poses);
-}
-
 LoadedReferences LoadReferences(const std::filesystem::path& model, const Subsampling& subsampling,
                                 PoseConvention poses) {
   ColmapModel colmap = ReadColmapModel(model);

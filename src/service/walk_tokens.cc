@@ -103,15 +103,6 @@ int64_t SecondsOf(WalkTokens::Time time) {
   return std::chrono::duration_cast<std::chrono::seconds>(time.time_since_epoch()).count();
 }
 
-std::string Base64(std::string_view bytes) {
-  std::string text((bytes.size() + 2) / 3 * 4 + 1, '\0');  // OpenSSL adds the end of a string
-  const int size = EVP_EncodeBlock(reinterpret_cast<unsigned char*>(text.data()),
-                                   reinterpret_cast<const unsigned char*>(bytes.data()),
-                                   static_cast<int>(bytes.size()));
-  text.resize(static_cast<size_t>(size));
-  return text;
-}
-
 Problem IsForged() { return {400, kField, "session: token: expected one of this service"}; }
 
 }  // namespace
@@ -145,7 +136,7 @@ std::string WalkTokens::Seal(ServedWalk walk, uint64_t scene, Time now) const {
   Bytes writer(&bytes);
   writer.Number(header);
   writer.Value(walk);
-  return Base64(bytes + Signature(bytes));
+  return EncodeBase64(bytes + Signature(bytes));
 }
 
 ServedWalk WalkTokens::Open(std::string_view token, uint64_t scene, Time now) const {

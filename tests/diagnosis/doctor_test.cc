@@ -185,7 +185,8 @@ class RgbdSmallDoctor : public ::testing::Test {
   }
 
   void Load(int every) {
-    const ReferenceSet references = LoadReferences(data_ / "model_ref", every).references;
+    const ReferenceSet references =
+        LoadReferences(data_ / "model_ref", {.every = every}).references;
     const auto queries = ReadQueryList(data_ / "queries_with_intrinsics.txt");
     const auto matches = OpenHlocMatches(
         {data_ / "features.h5", data_ / "matches.h5", data_ / "pairs.txt"}, references, 10);
@@ -332,7 +333,7 @@ class DemoDoctor : public ::testing::Test {
   void SetUp() override {
     const fs::path demo = DemoFolder();
     const auto caster = Open(demo / "scene.obj");
-    scene_.references = LoadReferences(demo / "model", 1).references.images;
+    scene_.references = LoadReferences(demo / "model").references.images;
     Rng rng(1);
     scene_.matches = MatchByMesh(MeshSource("mesh", caster), scene_.references, 0.7, rng);
     scene_.maps = RenderMaps(*caster, scene_.references, 160);
@@ -680,7 +681,7 @@ TEST(SymmetricRoom, HasNoRepair) {
     box.triangles.push_back({q[0], q[2], q[3]});
   }
   const fs::path demo = DemoFolder();
-  const Camera camera = LoadReferences(demo / "model", 1).references.images[0].camera;
+  const Camera camera = LoadReferences(demo / "model").references.images[0].camera;
   Scene scene;
   Rng rng(6);
   for (int i = 0; i < 20; ++i) {

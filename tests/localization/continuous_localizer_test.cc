@@ -159,7 +159,7 @@ TEST_F(ContinuousLocalizer, ARunThatWasStoppedGoesOnToTheSameBytes) {
 }
 
 TEST_F(ContinuousLocalizer, AThinnedOutReferenceMayComeBackAsAQuery) {
-  ReferenceSet references = LoadReferences(scene_.model(), 1).references;
+  ReferenceSet references = LoadReferences(scene_.model()).references;
   references.thinned_out.push_back("query/a.png");
   const auto source = OpenHlocMatches({scene_.features(), scene_.matches(), scene_.pairs()},
                                       references, 10, {queries_, 5});
@@ -172,7 +172,7 @@ TEST_F(ContinuousLocalizer, AQueryThatMayNotJoinIsAnErrorInThePairs) {
   EXPECT_TRUE(FailsWithInputError(
       [&] {
         OpenHlocMatches({scene_.features(), scene_.matches(), scene_.pairs()},
-                        LoadReferences(scene_.model(), 1).references, 10);
+                        LoadReferences(scene_.model()).references, 10);
       },
       {scene_.pairs().string(), "query/a.png"}));
 }

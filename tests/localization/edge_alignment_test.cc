@@ -113,7 +113,7 @@ class DemoAlignment : public testing::Test {
                      double sigma_m = 0.3, double sigma_deg = 2, size_t index = 1) {
     static const MeshScene mesh = LoadMeshScene({"mesh:" + (DemoFolder() / "scene.obj").string()});
     const Query query = ReadQueryList(DemoFolder() / "queries.txt").at(index);
-    truth_ = PosesOf(LoadReferences(DemoFolder() / "ground_truth", 1).references).at(query.name);
+    truth_ = PosesOf(LoadReferences(DemoFolder() / "ground_truth").references).at(query.name);
     if (roll_deg_ != 0) RollCamera(query);
     const Eigen::Quaterniond rotation =
         RotationFromVector(turn_deg * std::numbers::pi / 180) * truth_.rotation;

@@ -21,7 +21,7 @@ TEST(FrontEndMatches, KeypointsAreTheFeaturesAndSeveralAtOnePlaceAreTheFirst) {
                                            .top_k = 3,
                                            .max_features = 800,
                                            .show_progress = false},
-                                          LoadReferences(scene.model(), 1).references, queries);
+                                          LoadReferences(scene.model()).references, queries);
   const FeatureFile features(scene.folder / "cache" / "features.h5");
   const QueryMatches matches = source->Match(queries[0]);
   ASSERT_EQ(matches.references.size(), 3u);
@@ -68,7 +68,7 @@ TEST(FrontEndMatches, OwnMatchersMatchWhatIsRetrieved) {
   };
   options.reading = {.min_score = .5, .first_pixel = .25};
   const auto source =
-      MakeFrontEndMatches(options, LoadReferences(scene.model(), 1).references, queries);
+      MakeFrontEndMatches(options, LoadReferences(scene.model()).references, queries);
   const QueryMatches matches = source->Match(queries[0]);
   ASSERT_EQ(matches.references.size(), 2u);
   ASSERT_EQ(matches.matches.size(), 4u);

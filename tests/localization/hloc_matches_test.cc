@@ -23,7 +23,7 @@ class HlocSource : public ::testing::Test {
  protected:
   std::unique_ptr<MatchSource> Open(int top_k, int every = 1) const {
     return OpenHlocMatches({scene_.features(), scene_.matches(), scene_.pairs()},
-                           LoadReferences(scene_.model(), every).references, top_k);
+                           LoadReferences(scene_.model(), {.every = every}).references, top_k);
   }
   Query QueryA() const { return {scene_.queries[0].name, scene_.queries[0].camera}; }
 

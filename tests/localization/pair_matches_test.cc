@@ -41,8 +41,9 @@ class PairFolder : public ::testing::Test {
  protected:
   std::unique_ptr<MatchSource> Open(const MatchReading& reading = {}, int top_k = 10,
                                     const fs::path& pairs = {}, int every = 1) const {
-    return OpenPairMatches(folder_, pairs, LoadReferences(scene_.model(), every).references, top_k,
-                           {}, reading);
+    return OpenPairMatches(folder_, pairs,
+                           LoadReferences(scene_.model(), {.every = every}).references, top_k, {},
+                           reading);
   }
   QueryMatches Match(const MatchReading& reading = {}) const {
     return Open(reading)->Match(QueryA());
@@ -60,7 +61,7 @@ class PairFolder : public ::testing::Test {
 };
 
 TEST_F(PairFolder, HoldsTheSameMatchesAsHlocsFiles) {
-  const auto references = LoadReferences(scene_.model(), 1).references;
+  const auto references = LoadReferences(scene_.model()).references;
   const QueryMatches expected =
       OpenHlocMatches({scene_.features(), scene_.matches(), scene_.pairs()}, references, 10)
           ->Match(QueryA());
@@ -165,7 +166,7 @@ TEST_F(PairFolder, ScoresBelowTheLeastAreLeftOut) {
 }
 
 TEST_F(PairFolder, HlocsScoresAreUsed) {
-  const auto references = LoadReferences(scene_.model(), 1).references;
+  const auto references = LoadReferences(scene_.model()).references;
   const HlocFiles files = {scene_.features(), scene_.matches(), scene_.pairs()};
   const auto count = [&](double min_score) {
     return OpenHlocMatches(files, references, 10, {}, {.min_score = min_score})
@@ -204,7 +205,7 @@ TEST_F(PairFolder, WhatCouldBeOfTwoPairsIsRefused) {
   EXPECT_EQ(both->Match(QueryA()).matches.size(), 1u);
   EXPECT_EQ(both->Match({"night/a.png", QueryA().camera}).matches.size(), 2u);
 
-  ReferenceSet references = LoadReferences(scene_.model(), 1).references;
+  ReferenceSet references = LoadReferences(scene_.model()).references;
   references.images.push_back(references.images[0]);
   references.images.back().name = "other/00.png";
   EXPECT_TRUE(

@@ -13,7 +13,9 @@ using StringVector = std::vector<std::string>;
 
 TEST(References, EveryNthIsTakenByNameFromTheFirstOn) {
   const RoomScene scene = WriteRoomScene(TestFolder());
-  const auto load = [&](int every) { return LoadReferences(scene.model(), every).references; };
+  const auto load = [&](int every) {
+    return LoadReferences(scene.model(), {.every = every}).references;
+  };
   EXPECT_EQ(NamesOf(load(1).images).size(), 6u);
   EXPECT_TRUE(load(1).thinned_out.empty());
   EXPECT_EQ(NamesOf(load(2).images), (StringVector{"ref/00.png", "ref/02.png", "ref/04.png"}));
@@ -54,7 +56,7 @@ TEST(References, SubsamplingPerCameraNeedsSharedCameras) {
 
 TEST(References, KeepTheirPosesAndCameras) {
   const RoomScene scene = WriteRoomScene(TestFolder());
-  const auto images = LoadReferences(scene.model(), 1).references.images;
+  const auto images = LoadReferences(scene.model()).references.images;
   ASSERT_EQ(images.size(), scene.references.size());
   for (size_t i = 0; i < images.size(); ++i) {
     EXPECT_EQ(images[i].camera, scene.references[i].camera);
@@ -66,7 +68,7 @@ TEST(References, KeepTheirPosesAndCameras) {
 TEST(References, AModelWithoutImagesIsBadInput) {
   const RoomScene scene = WriteRoomScene(TestFolder());
   WriteFile(scene.model() / "images.txt", "");
-  EXPECT_TRUE(FailsWithInputError([&] { LoadReferences(scene.model(), 1); },
+  EXPECT_TRUE(FailsWithInputError([&] { LoadReferences(scene.model()); },
                                   {scene.model().string(), "no images"}));
 }
 

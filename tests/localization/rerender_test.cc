@@ -78,7 +78,7 @@ class Rerender : public ::testing::Test {
     result.problem.query_camera = query().camera;
     if (with_matches) {
       const auto source = OpenHlocMatches({scene_.features(), scene_.matches(), scene_.pairs()},
-                                          LoadReferences(scene_.model(), 1).references, 2);
+                                          LoadReferences(scene_.model()).references, 2);
       QueryMatches matches = source->Match(query());
       result.problem.references = std::move(matches.references);
       result.problem.reference_clusters = {0, 0};

@@ -19,10 +19,6 @@ void WritePoses(const std::filesystem::path& path, const std::vector<LocalizedQu
 
 // `queries.jsonl`: one JSON object per query: name, status, reason, verdict, confidence, counts of
 // each stage, solver, scores, iterations, pose, covariance.
-void WriteQueryDiagnostics(const std::filesystem::path& path,
-                           const std::vector<LocalizedQuery>& queries);
-
-// Writes lines that are there already.
 void WriteQueryDiagnostics(const std::filesystem::path& path, std::span<const std::string> lines);
 
 // A line of it, without the line's end.

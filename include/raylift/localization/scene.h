@@ -55,10 +55,8 @@ struct LoadedReferences {
 // The images of a COLMAP model whose poses may be in another convention, thinned out. Cameras of
 // equal parameters count as one. InputError where no image is left, or where subsampling per camera
 // drops none as each image has a camera of its own.
-LoadedReferences LoadReferences(const std::filesystem::path& model, const Subsampling& subsampling,
-                                PoseConvention poses = PoseConvention::kCamFromWorld);
-// Every `every`-th from the first on.
-LoadedReferences LoadReferences(const std::filesystem::path& model, int every,
+LoadedReferences LoadReferences(const std::filesystem::path& model,
+                                const Subsampling& subsampling = {},
                                 PoseConvention poses = PoseConvention::kCamFromWorld);
 
 // The references as queries, to be localized by the others: whatever matches them leaves out the

@@ -10,7 +10,6 @@
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
-#include "raylift/base/file.h"
 #include "raylift/localization/result_files.h"
 
 namespace raylift {
@@ -113,9 +112,9 @@ size_t CountMissing(const ContinuousRecords& records) {
 }
 
 void WriteQueryDiagnostics(const std::filesystem::path& path, const ContinuousRecords& records) {
-  std::string text;
-  for (const auto& record : records) text += record->diagnostics + "\n";
-  WriteFile(path, text);
+  std::vector<std::string> lines;
+  for (const auto& record : records) lines.push_back(record->diagnostics);
+  WriteQueryDiagnostics(path, lines);
 }
 
 ContinuousRecords LocalizeContinuously(std::span<const Query> queries,

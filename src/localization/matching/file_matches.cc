@@ -15,6 +15,22 @@ namespace raylift {
 
 namespace {
 
+// Reads what the files hold of images and of pairs of them. Thread safe.
+class MatchFiles {
+ public:
+  virtual ~MatchFiles() = default;
+
+  // InputError where the image is not there.
+  virtual Features ReadFeatures(const std::string& image) const = 0;
+  // Returns nullopt where the pair is not there.
+  virtual std::optional<std::vector<FeatureMatch>> ReadMatches(
+      const std::string& query, const std::string& reference) const = 0;
+  virtual std::vector<std::string> Warnings() const = 0;
+  // For messages.
+  virtual const std::filesystem::path& features_file() const = 0;
+  virtual const std::filesystem::path& matches_file() const = 0;
+};
+
 std::set<std::string> NamesOf(const JoiningQueries& joining) {
   std::set<std::string> names;
   for (const Query& query : joining.queries) names.insert(query.name);
@@ -23,6 +39,8 @@ std::set<std::string> NamesOf(const JoiningQueries& joining) {
 
 class FileMatches final : public MatchSource {
  public:
+  // `pairs` holds references that are in use or joining queries, best first; `top_k` of those in
+  // use are taken.
   FileMatches(std::unique_ptr<const MatchFiles> files, RetrievalPairs pairs,
               const ReferenceSet& references, int top_k, const JoiningQueries& joining,
               const MatchReading& reading)
@@ -118,14 +136,6 @@ class FileMatches final : public MatchSource {
 };
 
 }  // namespace
-
-std::unique_ptr<MatchSource> MakeFileMatches(std::unique_ptr<const MatchFiles> files,
-                                             RetrievalPairs pairs, const ReferenceSet& references,
-                                             int top_k, const JoiningQueries& joining,
-                                             const MatchReading& reading) {
-  return std::make_unique<FileMatches>(std::move(files), std::move(pairs), references, top_k,
-                                       joining, reading);
-}
 
 void Check(const MatchReading& reading) {
   if (!(reading.first_pixel >= 0 && reading.first_pixel <= 1)) {
@@ -228,8 +238,9 @@ std::unique_ptr<MatchSource> OpenHlocMatches(const HlocFiles& files, const Refer
                                              int top_k, const JoiningQueries& joining,
                                              const MatchReading& reading) {
   auto opened = std::make_unique<const HlocMatchFiles>(files);
-  return MakeFileMatches(std::move(opened), ReadPairsInUse(files.pairs, references, joining),
-                         references, top_k, joining, reading);
+  return std::make_unique<FileMatches>(std::move(opened),
+                                       ReadPairsInUse(files.pairs, references, joining), references,
+                                       top_k, joining, reading);
 }
 
 namespace {
@@ -286,7 +297,8 @@ std::unique_ptr<MatchSource> OpenDatabaseMatches(const path& database, const pat
   RetrievalPairs retrieved =
       pairs.empty() ? PairsOf(opened, in_use) : ReadPairsInUse(pairs, references, joining);
   auto files = std::make_unique<const DatabaseFiles>(database, std::move(opened));
-  return MakeFileMatches(std::move(files), std::move(retrieved), references, top_k, joining);
+  return std::make_unique<FileMatches>(std::move(files), std::move(retrieved), references, top_k,
+                                       joining, MatchReading());
 }
 
 }  // namespace raylift

@@ -20,29 +20,6 @@
 
 namespace raylift {
 
-// Reads what the files hold of images and of pairs of them. Thread safe.
-class MatchFiles {
- public:
-  virtual ~MatchFiles() = default;
-
-  // InputError where the image is not there.
-  virtual Features ReadFeatures(const std::string& image) const = 0;
-  // Returns nullopt where the pair is not there.
-  virtual std::optional<std::vector<FeatureMatch>> ReadMatches(
-      const std::string& query, const std::string& reference) const = 0;
-  virtual std::vector<std::string> Warnings() const = 0;
-  // For messages.
-  virtual const std::filesystem::path& features_file() const = 0;
-  virtual const std::filesystem::path& matches_file() const = 0;
-};
-
-// `pairs` holds references that are in use or joining queries, best first; `top_k` of those in use
-// are taken.
-std::unique_ptr<MatchSource> MakeFileMatches(std::unique_ptr<const MatchFiles> files,
-                                             RetrievalPairs pairs, const ReferenceSet& references,
-                                             int top_k, const JoiningQueries& joining,
-                                             const MatchReading& reading = {});
-
 // The references that a query may be matched with, and the queries among them that have joined.
 class KnownReferences {
  public:

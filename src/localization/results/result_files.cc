@@ -110,14 +110,6 @@ void WritePoses(const std::filesystem::path& path, const std::vector<LocalizedQu
 
 std::string FormatQueryDiagnostics(const LocalizedQuery& query) { return JsonText(ToJson(query)); }
 
-void WriteQueryDiagnostics(const std::filesystem::path& path,
-                           const std::vector<LocalizedQuery>& queries) {
-  std::vector<std::string> lines;
-  lines.reserve(queries.size());
-  for (const LocalizedQuery& query : queries) lines.push_back(FormatQueryDiagnostics(query));
-  WriteQueryDiagnostics(path, lines);
-}
-
 void WriteQueryDiagnostics(const std::filesystem::path& path, std::span<const std::string> lines) {
   std::string text;
   for (const std::string& line : lines) {
