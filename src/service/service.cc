@@ -12,7 +12,6 @@
 #include "service/geopose.h"
 #include "service/mesh_view.h"
 #include "service/scene_place.h"
-#include "service/scene_walks.h"
 #include <fmt/chrono.h>
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>

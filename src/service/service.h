@@ -20,7 +20,7 @@
 #include "service/metrics.h"
 #include "service/problem.h"
 #include "service/tokens.h"
-#include "service/walk_tokens.h"
+#include "service/walks.h"
 #include "service/work_queue.h"
 
 #include "raylift/service/server.h"

@@ -1,9 +1,8 @@
-#include "service/scene_walks.h"
-
 #include <atomic>
 #include <memory>
 #include <vector>
 
+#include "service/walks.h"
 #include <gtest/gtest.h>
 
 #include "raylift/base/error.h"

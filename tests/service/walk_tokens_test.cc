@@ -1,8 +1,7 @@
-#include "service/walk_tokens.h"
-
 #include <chrono>
 
 #include "service/problem.h"
+#include "service/walks.h"
 #include "support/matchers.h"
 #include "support/test_data.h"
 #include <gtest/gtest.h>

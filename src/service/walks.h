@@ -9,8 +9,11 @@
 #include <string>
 #include <string_view>
 
+#include "service/localize_request.h"
+
 #include "raylift/sequences/smoothing.h"
 #include "raylift/sequences/tracker.h"
+#include "raylift/service/server.h"
 
 namespace raylift {
 
@@ -39,6 +42,28 @@ class WalkTokens {
   std::string Signature(std::string_view bytes) const;
 
   std::string key_;
+};
+
+// The walks of clients in one scene. Thread safe.
+class SceneWalks {
+ public:
+  // Measures the scene's distances, by so many threads (0: one for each core): a walk's first
+  // photograph shall not wait for that.
+  SceneWalks(const WalkTokens& tokens, const ServedScene& scene, int threads);
+
+  // Returns the walk so far. Throws Problem where the step cannot follow it.
+  ServedWalk Before(const WalkStep& step) const;
+
+  struct Walked {
+    WalkedQuery query;
+    std::string session;  // of the answer, JSON
+  };
+  Walked GoOn(ServedWalk walk, const WalkedPhotograph& photograph) const;
+
+ private:
+  const WalkTokens& tokens_;
+  uint64_t world_;  // tells apart what poses are in
+  SceneDistances distances_;
 };
 
 }  // namespace raylift
