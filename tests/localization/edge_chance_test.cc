@@ -1,10 +1,9 @@
-#include "localization/alignment/edge_chance.h"
-
 #include <algorithm>
 #include <cmath>
 #include <vector>
 
 #include "base/rng.h"
+#include "localization/alignment/edge_score.h"
 #include "support/matchers.h"
 #include <gtest/gtest.h>
 

@@ -14,7 +14,6 @@
 #include "base/statistics.h"
 #include "features/cv_image.h"
 #include "geometry/pose_step.h"
-#include "localization/alignment/edge_chance.h"
 #include "localization/alignment/edge_turns.h"
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
