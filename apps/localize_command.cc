@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <system_error>
 #include <utility>
@@ -16,7 +17,6 @@
 #include "apps/localize_inputs.h"
 #include "apps/localize_output.h"
 #include "apps/localize_remote.h"
-#include "apps/localize_walk.h"
 #include "apps/options.h"
 #include "base/hash.h"
 #include "base/progress.h"
@@ -32,6 +32,8 @@
 #include "raylift/localization/localize_all.h"
 #include "raylift/localization/result_files.h"
 #include "raylift/localization/scene_calibration.h"
+#include "raylift/sequences/smooth_queries.h"
+#include "raylift/sequences/walk.h"
 
 namespace raylift {
 namespace {
@@ -140,6 +142,54 @@ void LocalizeContinuously(const LocalizeFlags& flags, const ContinuousInputs& in
   WriteTiming(flags.out / "timing.jsonl", localized, times);
   output.Finish(localized, {scene, inputs.queries, warnings, times, joined},
                 OptionsOfResults(inputs.options_json));
+}
+
+// The walk of --odometry is read before the work and smoothed after it.
+
+// The walk of the queries.
+Walk OpenWalk(const LocalizeFlags& flags, std::span<const Query> queries) {
+  return ReadWalk(flags.walk.odometry, flags.times, NamesOf(queries), flags.walk.cam_from_body);
+}
+
+// Smooths the records of all queries, which then tell their poses in the walk.
+WalkedQueries SmoothRecords(const LocalizeFlags& flags, const Walk& walk, const Scene& scene,
+                            std::span<const Query> queries, std::vector<QueryRecord>& records) {
+  std::vector<LocalizedQuery> alone;
+  for (QueryRecord& record : records) alone.push_back(std::move(record.localized));
+  WalkedQueries walked =
+      SmoothQueries(alone, queries, walk, SceneDistances(scene, flags.run.threads),
+                    {.scale = flags.walk.scale,
+                     .min_confidence = flags.min_confidence,
+                     .online = flags.walk.online});
+  for (size_t i = 0; i < records.size(); ++i) {
+    records[i].localized = walked.queries[i].localized;
+    records[i].diagnostics = FormatQueryDiagnostics(walked.queries[i]);
+  }
+  return walked;
+}
+
+// walk.json, trajectory.txt and trajectory_covariance.txt; without a walk, those of a run before this
+// one are removed.
+void WriteWalk(const std::filesystem::path& folder, const std::optional<WalkedQueries>& walked) {
+  if (!walked) {
+    RemoveWalkFiles(folder);
+    return;
+  }
+  WriteFile(folder / "walk.json", FormatWalk(*walked));
+  WriteTrajectory(folder, *walked);
+}
+
+// What it says on stdout.
+void PrintWalk(const WalkedQueries& walked) {
+  fmt::print("walk: {} poses smoothed, {} rescued, {} replaced, {} dropped",
+             walked.Count(WalkRole::kSmoothed), walked.Count(WalkRole::kRescued),
+             walked.Count(WalkRole::kReplaced), walked.Count(WalkRole::kDropped));
+  if (walked.walk) {
+    const SmoothedWalk& walk = *walked.walk;
+    fmt::print("; odometry's scale {:.4g}, noise of a step {:.2g} and {:.2g} degrees", walk.scale,
+               walk.step_sigma, walk.step_rotation_sigma_deg);
+  }
+  fmt::print("\n");
 }
 
 // One command's work. A signal ends what comes before the first query.

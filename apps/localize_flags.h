@@ -11,15 +11,16 @@
 #include "apps/command_line.h"
 #include "apps/job_options.h"
 #include "apps/matching_options.h"
-#include "apps/mesh_only_options.h"
 #include "apps/options.h"
 #include "localization/continuous/join_gate.h"
+#include <Eigen/Core>
 
 #include "raylift/estimation/options.h"
 #include "raylift/localization/localizer.h"
 #include "raylift/localization/scene.h"
 #include "raylift/scene/photographs.h"
 #include "raylift/sequences/smoothing.h"
+#include "raylift/views/rendered_references.h"
 
 namespace raylift {
 
@@ -37,7 +38,6 @@ struct ContinuousFlags {
   // Returns how many of the `top_k` references of a query may be joined queries.
   int MaxJoined(int top_k) const;
 };
-void AddContinuousOptions(CLI::App& command, ContinuousFlags& flags);
 
 // Equal for runs that give the same results: a hash of the effective options, but for those that
 // change no result, of the references, and of the queries in their order.
@@ -52,6 +52,24 @@ struct WalkFlags {
   bool online = false;
 
   bool enabled() const { return !odometry.empty(); }
+};
+
+// Localization against a mesh without photographs of the scene.
+struct MeshOnlyFlags {
+  int views = 48;
+  ViewKind kind = ViewKind::kAuto;
+  std::optional<PlaneSize> size;                              // none: as the queries'
+  std::optional<double> fov_deg;                              // none: as the queries'
+  std::optional<Eigen::Vector3d> up_in_world = std::nullopt;  // none: estimated
+  double eye_height = 1.6;
+  double clearance = 0.3;
+  int rerender = 0;  // rounds
+
+  // Throws OptionError.
+  void Check() const;
+  // Returns the options for queries with these cameras; pictures go to `out`.
+  RenderedReferenceOptions Resolve(std::span<const Camera> queries,
+                                   const std::filesystem::path& out) const;
 };
 
 // What poses come from.

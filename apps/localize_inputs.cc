@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <map>
+#include <optional>
 #include <utility>
 #include <vector>
 
+#include "base/progress.h"
 #include "lifting/alignment_text.h"
 #include "localization/alignment/edge_aligner.h"
 #include "localization/checks/run_checks.h"
@@ -48,6 +50,16 @@ std::shared_ptr<const Rerenderer> RerendererOf(const LocalizeFlags& flags, const
                       .use_pairs = Scores2D2DAlone(estimator.method),
                       .max_features = flags.matching.front_end.max_features,
                       .reprojection_threshold_px = estimator.reprojection_threshold_px});
+}
+
+// Renders the references of a scene, and says on stderr how far it is.
+Scene RenderSceneWithProgress(const std::string& mesh_spec, const Subsampling& subsampling,
+                              const RenderedReferenceOptions& options, Progress::Show show) {
+  std::optional<Progress> progress;
+  const RenderHooks hooks{
+      .on_start = [&](size_t images, size_t) { progress.emplace("views", images, show); },
+      .on_image = [&](const RenderedImage&) { progress->Advance(); }};
+  return OpenMeshScene(mesh_spec, subsampling, options, hooks);
 }
 
 // A mesh that needs no references.

@@ -11,9 +11,9 @@
 
 #include "apps/command_line.h"
 #include "apps/commands.h"
-#include "apps/finished_run.h"
 #include "apps/interrupt.h"
 #include "apps/options.h"
+#include "apps/pose_files.h"
 #include "io/text/line_tokens.h"
 #include "lifting/mesh_spec.h"
 #include "localization/results/earth_exports.h"

@@ -1,12 +1,17 @@
-// The poses that results are judged by.
+// Poses in files: those that results are judged by, and what a run of localize has left behind, for
+// commands that go on with it.
 
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "raylift/evaluation/pose_errors.h"
+#include "raylift/geometry/geodesy.h"
+#include "raylift/geometry/rigid3.h"
+#include "raylift/localization/localizer.h"
 #include "raylift/scene/photographs.h"
 
 namespace raylift {
@@ -27,5 +32,25 @@ std::vector<TimedName> InOrderOfTime(const PosesByName& poses,
 
 // Result files are mostly called poses.txt: then the folder tells them apart.
 std::string ResultName(const std::filesystem::path& file);
+
+// What a run of localize has left behind.
+struct FinishedRun {
+  std::vector<LocalizedQuery> queries;  // in the order of the list, with and without poses
+  // As its options.json has them: relative paths start where it ran. Empty where it has none.
+  std::filesystem::path query_list, query_images, model;
+  bool leave_one_out = false;  // the queries are the model's images, and there is no list
+  PoseConvention model_poses = PoseConvention::kCamFromWorld;
+  Subsampling subsampling;
+  std::vector<std::string> geometry;
+  std::optional<WorldFrame> world;
+
+  // Returns the listed queries that have a pose, in the order of the run's, with their cameras.
+  // Throws InputError where one is not listed, OptionError where there is no list.
+  std::vector<Query> PosedQueries() const;
+};
+
+// From the folder of a run, or from a pose file alone, whose poses all count as localized. Throws
+// InputError where it is neither.
+FinishedRun ReadFinishedRun(const std::filesystem::path& folder_or_pose_file);
 
 }  // namespace raylift
