@@ -73,18 +73,15 @@ void CheckReferences(const LocalizeFlags& flags) {
 // Refuses what belongs to matches.
 void CheckEdges(const LocalizeFlags& flags) {
   if (!flags.AlignsEdges()) return;
-  const auto refuse = [](const char* option, bool given) {
-    if (given) throw OptionError(fmt::format("{} does not go with --align edges", option));
-  };
-  refuse("--model", !flags.references.model.empty());
-  refuse("--features", flags.matching.hloc.Any());
-  refuse("--leave-one-out", flags.leave_one_out);
-  refuse("--continuous", flags.continuous.enabled);
-  refuse("--rigs", !flags.rigs.empty());
-  refuse("--rerender", flags.mesh_only.rerender > 0);
-  refuse("--scene-calibration", !flags.scene_calibration.empty());
-  refuse("--write-model", !flags.write_model.empty());
-  refuse("--write-problems", !flags.write_problems.empty());
+  RefuseWith("--align edges", {{"--model", !flags.references.model.empty()},
+                               {"--features", flags.matching.hloc.Any()},
+                               {"--leave-one-out", flags.leave_one_out},
+                               {"--continuous", flags.continuous.enabled},
+                               {"--rigs", !flags.rigs.empty()},
+                               {"--rerender", flags.mesh_only.rerender > 0},
+                               {"--scene-calibration", !flags.scene_calibration.empty()},
+                               {"--write-model", !flags.write_model.empty()},
+                               {"--write-problems", !flags.write_problems.empty()}});
   if (flags.geometry.specs.size() != 1 || !IsMeshSpec(flags.geometry.specs.front())) {
     throw OptionError("--align edges needs one --geometry mesh:PATH or dsm:FILE");
   }
@@ -113,13 +110,10 @@ void CheckRunning(const LocalizeFlags& flags) {
 // A rig is localized as one, once.
 void CheckRigs(const LocalizeFlags& flags) {
   if (flags.rigs.empty()) return;
-  const auto refuse = [](const char* option, bool given) {
-    if (given) throw OptionError(fmt::format("{} does not go with --rigs", option));
-  };
-  refuse("--leave-one-out", flags.leave_one_out);
-  refuse("--continuous", flags.continuous.enabled);
-  refuse("--rerender", flags.mesh_only.rerender > 0);
-  refuse("--refine-focal", flags.estimator.refine_focal);
+  RefuseWith("--rigs", {{"--leave-one-out", flags.leave_one_out},
+                        {"--continuous", flags.continuous.enabled},
+                        {"--rerender", flags.mesh_only.rerender > 0},
+                        {"--refine-focal", flags.estimator.refine_focal}});
 }
 
 Rigid3 ParsePose(std::string_view option, const std::string& text) {
@@ -139,11 +133,9 @@ void CheckWalk(const LocalizeFlags& flags) {
   needs("--cam-from-body", "--odometry",
         FormatPose(flags.walk.cam_from_body) != FormatPose(Rigid3()), walks);
   needs("--odometry-scale", "--odometry", flags.walk.scale != OdometryScale::kKnown, walks);
-  const auto refuse = [&](const char* option, bool given) {
-    if (walks && given) throw OptionError(fmt::format("{} does not go with --odometry", option));
-  };
-  refuse("--continuous", flags.continuous.enabled);
-  refuse("--rigs", !flags.rigs.empty());
+  if (!walks) return;
+  RefuseWith("--odometry",
+             {{"--continuous", flags.continuous.enabled}, {"--rigs", !flags.rigs.empty()}});
 }
 
 void CheckQueries(const LocalizeFlags& flags) {
@@ -159,13 +151,10 @@ void CheckQueries(const LocalizeFlags& flags) {
     }
     return;
   }
-  const auto refuse = [](const char* option, bool given) {
-    if (given) throw OptionError(fmt::format("{} does not go with --leave-one-out", option));
-  };
-  refuse("--queries", !flags.queries.empty());
-  refuse("--query-images", !flags.query_images.empty());
-  refuse("--continuous", flags.continuous.enabled);
-  refuse("--write-model", !flags.write_model.empty());
+  RefuseWith("--leave-one-out", {{"--queries", !flags.queries.empty()},
+                                 {"--query-images", !flags.query_images.empty()},
+                                 {"--continuous", flags.continuous.enabled},
+                                 {"--write-model", !flags.write_model.empty()}});
   if (flags.RendersReferences()) throw OptionError("--leave-one-out needs --model");
 }
 

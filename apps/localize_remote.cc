@@ -27,21 +27,18 @@ namespace {
 void Check(const LocalizeFlags& localize) {
   if (localize.queries.empty()) throw OptionError("--server needs --queries");
   if (localize.QueryImages().empty()) throw OptionError("--server needs --query-images");
-  const auto refuse = [](const char* option, bool given) {
-    if (given) throw OptionError(fmt::format("{} does not go with --server", option));
-  };
-  refuse("--priors", !localize.priors.empty());
-  refuse("--rigs", !localize.rigs.empty());
-  refuse("--leave-one-out", localize.leave_one_out);
-  refuse("--continuous", localize.continuous.enabled);
-  refuse("--odometry", localize.walk.enabled());
-  refuse("--report", !localize.report.empty());
-  refuse("--pictures", localize.pictures > 0);
-  refuse("--write-model", !localize.write_model.empty());
-  refuse("--write-problems", !localize.write_problems.empty());
-  refuse("--rerender", localize.mesh_only.rerender > 0);
-  refuse("--resume", localize.running.resume);
-  refuse("--shard", !localize.running.Resolve().IsAll());
+  RefuseWith("--server", {{"--priors", !localize.priors.empty()},
+                          {"--rigs", !localize.rigs.empty()},
+                          {"--leave-one-out", localize.leave_one_out},
+                          {"--continuous", localize.continuous.enabled},
+                          {"--odometry", localize.walk.enabled()},
+                          {"--report", !localize.report.empty()},
+                          {"--pictures", localize.pictures > 0},
+                          {"--write-model", !localize.write_model.empty()},
+                          {"--write-problems", !localize.write_problems.empty()},
+                          {"--rerender", localize.mesh_only.rerender > 0},
+                          {"--resume", localize.running.resume},
+                          {"--shard", !localize.running.Resolve().IsAll()}});
   RefuseFormerResults(localize);
 }
 
@@ -87,16 +84,9 @@ std::string ReadToken(const std::filesystem::path& file) {
 }  // namespace
 
 void AddRemoteOptions(CLI::App& command, RemoteFlags& flags) {
-  const auto parse = [](std::string_view option, const std::string& text) {
-    try {
-      return std::optional(ServerUrl::Parse(text));
-    } catch (const InputError& error) {
-      throw OptionError(option, text, error.what());
-    }
-  };
   const OptionGroup group(command, "Server");
   group
-      .AddParsed("--server", flags.server, parse,
+      .AddParsed("--server", flags.server, AsOption(&ServerUrl::Parse),
                  "Have a server (raylift serve) localize the photographs of --queries:\n"
                  "http://HOST:PORT, or http://HOST:PORT?scene=NAME where it has several.\n"
                  "The scene, matching and estimation are the server's; --threads: requests\n"

@@ -160,6 +160,12 @@ void AddUpOption(const OptionGroup& group, const std::string& name,
                   "auto");
 }
 
+void RefuseWith(std::string_view other, std::initializer_list<GivenOption> options) {
+  for (const auto& [name, is_given] : options) {
+    if (is_given) throw OptionError(fmt::format("{} does not go with {}", name, other));
+  }
+}
+
 void AddCrsOption(const OptionGroup& group, std::optional<WorldFrame>& world) {
   group.AddParsed("--crs", world, AsOption(&WorldFrame::Parse),
                   "What the world's coordinates are: EPSG:25832, with heights EPSG:25832+7837;\n"

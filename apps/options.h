@@ -3,6 +3,7 @@
 #pragma once
 
 #include <filesystem>
+#include <initializer_list>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -70,6 +71,13 @@ void AddReferenceOptions(CLI::App& command, ReferenceFlags& flags, bool model_is
 // "x", "-y", ... or "X,Y,Z"; none, "auto", unless given: what the mesh tells (EstimateUp).
 void AddUpOption(const OptionGroup& group, const std::string& name,
                  std::optional<Eigen::Vector3d>& up_in_world);
+
+// Throws OptionError where one of these options is given, as none of them goes with `other`.
+struct GivenOption {
+  const char* name;
+  bool is_given;
+};
+void RefuseWith(std::string_view other, std::initializer_list<GivenOption> options);
 
 // Returns a parser of an option's text by `read`, whose InputErrors become OptionErrors.
 template <typename Read>
