@@ -79,7 +79,7 @@ struct CompareFlags {
   CandidateOptions candidates;
   EstimatorOptions estimator;
   path out, report, images, query_images;
-  bool resume = false, overwrite = false;
+  JobFlags running;  // not shared
   RunFlags run;
 
   // Where what is done is kept; empty: nowhere.
@@ -138,11 +138,10 @@ std::vector<NamedSpec> ParseSpecs(const CompareFlags& flags) {
 void Check(const CompareFlags& flags) {
   flags.run.Check();
   for (const path& folder : {flags.out, flags.report}) {
-    if (!folder.empty()) RefuseFinished(folder / kWrittenLast, flags.resume || flags.overwrite);
+    if (!folder.empty())
+      RefuseFinished(folder / kWrittenLast, flags.running.resume || flags.running.overwrite);
   }
-  if (flags.resume && flags.overwrite) {
-    throw OptionError("give at most one of --resume and --overwrite");
-  }
+  flags.running.Check();
   flags.references.Check();
   RequireAtLeast("--max-side", flags.max_side_px, 16);
   RequireAtLeast("--overlaps", flags.overlaps, 0);
@@ -324,11 +323,8 @@ class CompareRun {
   // From now on there is a manifest, and nothing else of a former run that is overwritten.
   void OpenJob(const std::string& options_json) {
     const std::vector<std::string> names = NamesOf(std::span(queries_).first(NumTasks()));
-    JobFolder folder;
-    folder.out = flags_.Folder();
-    folder.resume = flags_.resume;
-    folder.overwrite = flags_.overwrite;
-    job_ = std::make_unique<TaskJob>(names, Header(options_json), folder, CompareJobForm());
+    job_ = std::make_unique<TaskJob>(names, Header(options_json),
+                                     flags_.running.In(flags_.Folder()), CompareJobForm());
     job_->Begin(std::nullopt);
   }
 
@@ -415,14 +411,6 @@ class CompareRun {
   std::unique_ptr<TaskJob> job_;  // null where nothing is kept
 };
 
-std::string ProtocolHelp() {
-  std::string text;
-  for (const EnumName<DepthProtocol>& entry : kEnumNames<DepthProtocol>) {
-    text += fmt::format("\n{}: {}", entry.name, entry.description);
-  }
-  return text;
-}
-
 void AddLocalizationOptions(CLI::App& command, CompareFlags& flags) {
   const OptionGroup group(command, "Localization with every source, on the same matches");
   group.Add("--ground-truth", flags.ground_truth,
@@ -455,8 +443,8 @@ Command AddCompareCommand(CLI::App& program) {
   geometry.Add("--truth", flags->truth, "Name of the geometry to take for the truth");
   geometry.AddList("--protocol", flags->protocols,
                    "Print the standard metrics of depth networks' papers, aligned with the truth\n"
-                   "image by image: list of {}" +
-                       ProtocolHelp());
+                   "image by image: list of {}\n" +
+                       Descriptions<DepthProtocol>());
   geometry.Add("--min-depth", flags->min_depth,
                "Errors count true depths from here, and depth is clamped to it; scene units");
   geometry.Add("--max-depth", flags->max_depth,
@@ -484,10 +472,10 @@ Command AddCompareCommand(CLI::App& program) {
   matches.Add("--query-images", flags->query_images,
               "Photographs of the queries (default: --images)");
   const OptionGroup running(command, "Running");
-  running.Flag("--resume", flags->resume,
+  running.Flag("--resume", flags->running.resume,
                "Go on where a run of the same options and inputs was stopped or killed:\n"
                "queries that are localized are kept; it ends with the same bytes");
-  AddOverwriteOption(command, flags->overwrite);
+  AddOverwriteOption(command, flags->running.overwrite);
   AddRunOptions(command, flags->run);
   SetFooter(
       command,
