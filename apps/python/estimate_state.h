@@ -1,17 +1,39 @@
-// Pose problems and estimates as pickles hold them.
+// What the module's classes of pose problems and localized queries hold, and what pickles hold of
+// them and of estimates.
 
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
-#include "apps/python/pose_problem.h"
-
+#include "raylift/estimation/match_noise.h"
 #include "raylift/estimation/pose_estimate.h"
+#include "raylift/localization/localizer.h"
+#include "raylift/scene/pose_problem.h"
 
 namespace raylift::python {
+
+struct KnownProblem : PoseProblem {
+  KnownProblem() = default;
+  explicit KnownProblem(PoseProblem problem, std::optional<SceneNoise> noise = std::nullopt)
+      : PoseProblem(std::move(problem)), scene_noise(noise) {}
+
+  // What the calibration of the scene that it is of says of matches.
+  std::optional<SceneNoise> scene_noise;
+};
+
+// A result with what the localizer that made it knew of the scene.
+struct KnownResult : QueryResult {
+  KnownResult() = default;
+  KnownResult(QueryResult result, const Localizer& localizer)
+      : QueryResult(std::move(result)), scene_noise(localizer.options().estimator.scene_noise) {}
+
+  std::optional<SceneNoise> scene_noise;
+};
+using ResultPointer = std::shared_ptr<KnownResult>;
 
 // The problem in JSON, and its scene's noise or nothing.
 using ProblemState = std::pair<std::string, std::string>;

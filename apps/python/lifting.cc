@@ -11,8 +11,8 @@
 #include <vector>
 
 #include "apps/python/conversions.h"
+#include "apps/python/estimate_state.h"
 #include "apps/python/geometry_source.h"
-#include "apps/python/pose_problem.h"
 #include "lifting/depth_convention.h"
 #include "lifting/fields.h"
 

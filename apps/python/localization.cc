@@ -8,7 +8,6 @@
 #include "apps/python/conversions.h"
 #include "apps/python/estimate_state.h"
 #include "apps/python/geometry_source.h"
-#include "apps/python/known_result.h"
 #include "base/progress.h"
 #include "estimation/fields.h"
 #include "lifting/fields.h"

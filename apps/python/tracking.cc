@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "apps/python/conversions.h"
-#include "apps/python/known_result.h"
+#include "apps/python/estimate_state.h"
 
 #include "raylift/base/error.h"
 #include "raylift/localization/scene.h"
