@@ -90,15 +90,22 @@ constexpr std::string_view kLocalize = "Localize photographs";
 constexpr std::string_view kCompare = "Compare depth";
 constexpr std::string_view kRender = "Render depth";
 constexpr std::string_view kJobs = "Long runs, in parts";
-constexpr std::array<std::pair<std::string_view, std::string_view>, 22> kGroupOfCommand = {
-    {{"localize", kLocalize}, {"prepare", kLocalize},  {"calibrate", kLocalize},
-     {"serve", kLocalize},    {"estimate", kLocalize}, {"evaluate", kLocalize},
-     {"export", kLocalize},   {"pairs", kLocalize},    {"queries", kLocalize},
-     {"locate", kLocalize},   {"import", kLocalize},   {"experiment", kLocalize},
-     {"compare", kCompare},   {"doctor", kCompare},    {"perturb", kCompare},
-     {"render", kRender},     {"views", kRender},      {"color", kRender},
-     {"fuse", kRender},       {"status", kJobs},       {"merge", kJobs},
-     {"verify", kJobs}}};
+struct KnownCommand {
+  Command (*add)(CLI::App& program);
+  std::string_view group;
+};
+constexpr KnownCommand kCommands[] = {
+    {AddLocalizeCommand, kLocalize}, {AddEstimateCommand, kLocalize},
+    {AddEvaluateCommand, kLocalize}, {AddPerturbCommand, kCompare},
+    {AddRenderCommand, kRender},     {AddCompareCommand, kCompare},
+    {AddDoctorCommand, kCompare},    {AddViewsCommand, kRender},
+    {AddPairsCommand, kLocalize},    {AddExperimentCommand, kLocalize},
+    {AddImportCommand, kLocalize},   {AddStatusCommand, kJobs},
+    {AddMergeCommand, kJobs},        {AddVerifyCommand, kJobs},
+    {AddExportCommand, kLocalize},   {AddColorCommand, kRender},
+    {AddPrepareCommand, kLocalize},  {AddCalibrateCommand, kLocalize},
+    {AddFuseCommand, kRender},       {AddServeCommand, kLocalize},
+    {AddQueriesCommand, kLocalize},  {AddLocateCommand, kLocalize}};
 
 constexpr std::string_view kExitStatus = R"(.SH EXIT STATUS
 .TP
@@ -206,18 +213,6 @@ std::string ProgramPage(const CLI::App& program) {
   return page + std::string(kExitStatus);
 }
 
-// The description of the program, and the groups of its commands; a command that is in none stays
-// under "More". Call it when all commands are there.
-void AddProgramHelp(CLI::App& program) {
-  program.description(std::string(kDescription));
-  for (CLI::App* command : program.get_subcommands([](const CLI::App*) { return true; })) {
-    const auto* known =
-        std::find_if(kGroupOfCommand.begin(), kGroupOfCommand.end(),
-                     [command](const auto& entry) { return entry.first == command->get_name(); });
-    command->group(known == kGroupOfCommand.end() ? "More" : std::string(known->second));
-  }
-}
-
 // Writes manual pages from the same source as --help: raylift.1 and raylift-COMMAND.1 of each
 // command.
 void WriteManPages(const CLI::App& program, const std::filesystem::path& folder) {
@@ -263,19 +258,13 @@ Program MakeProgram() {
   app.footer(
       "All options of a command, with examples:\n"
       "  raylift COMMAND --help");
-  program.commands = {AddLocalizeCommand(app),   AddEstimateCommand(app), AddEvaluateCommand(app),
-                      AddPerturbCommand(app),    AddRenderCommand(app),   AddCompareCommand(app),
-                      AddDoctorCommand(app),     AddViewsCommand(app),    AddPairsCommand(app),
-                      AddExperimentCommand(app), AddImportCommand(app),   AddStatusCommand(app),
-                      AddMergeCommand(app),      AddVerifyCommand(app),   AddExportCommand(app),
-                      AddColorCommand(app),      AddPrepareCommand(app),  AddCalibrateCommand(app),
-                      AddFuseCommand(app),       AddServeCommand(app),    AddQueriesCommand(app),
-                      AddLocateCommand(app)};
-  for (const Command& command : program.commands) {
+  app.description(std::string(kDescription));
+  for (const auto& [add, group] : kCommands) {
+    const Command& command = program.commands.emplace_back(add(app));
+    command.app->group(std::string(group));
     CheckNumbers(*command.app);
     Translate(*command.app, "--geometry", &GeometrySpecOf);
   }
-  AddProgramHelp(app);
   app.add_option_function<std::string>(
          "--man-pages",
          [&app](const std::string& folder) {
