@@ -196,6 +196,15 @@ py::array_t<double> MakeRows(size_t rows, size_t columns, const At& at) {
   return array;
 }
 
+// The numbers of a table by their names.
+template <typename Number>
+py::dict NumbersOf(std::span<const Field> fields) {
+  py::dict dict;
+  ForEachNumber<Number>(
+      fields, [&](const std::string& name, Number number) { dict[py::str(name)] = number; });
+  return dict;
+}
+
 template <typename Derived>
 py::array_t<double> ToArray(const Eigen::MatrixBase<Derived>& matrix) {
   const auto rows = matrix.rows(), columns = matrix.cols();

@@ -244,15 +244,6 @@ void BindProblem(py::module_& module) {
            "Index of the query's keypoint (M,); -1: not known.");
 }
 
-py::object NoiseDict(const PoseEstimate& estimate) {
-  if (!estimate.noise) return py::none();
-  py::dict dict;
-  ForEachNumber<double>(ConstFieldsOf(*estimate.noise), [&](const std::string& name, double value) {
-    dict[py::str(name)] = value;
-  });
-  return dict;
-}
-
 std::optional<Rigid3> PoseOf(const PoseEstimate& estimate) { return estimate.cam_from_world; }
 
 void BindEstimate(py::module_& module) {
@@ -314,7 +305,11 @@ determine the pose.)")
           "solver", [=](const PoseEstimate& e) { return text(e.solver); },
           "Which minimal solver the pose comes from: \"p3p\", \"e5p1\" or \"d3p1\".")
       .def_property_readonly(
-          "noise", &NoiseDict,
+          "noise",
+          [](const PoseEstimate& e) -> py::object {
+            if (!e.noise) return py::none();
+            return NumbersOf<double>(ConstFieldsOf(*e.noise));
+          },
           "What Adaptive found the matches to be worth (standard deviations), or "
           "None.")
       .def_readonly("refined_camera", &PoseEstimate::refined_camera,

@@ -322,16 +322,6 @@ or those of "all".)")
           "own.");
 }
 
-py::dict CountsOf(const FilterCounts& counts) {
-  py::dict dict;
-  dict["consistent"] = counts.consistent;
-  dict["dropped_by_views"] = counts.dropped_by_views;
-  dict["dropped_by_ratio"] = counts.dropped_by_ratio;
-  dict["dropped_by_error"] = counts.dropped_by_error;
-  dict["dropped_as_too_few"] = counts.dropped_as_too_few;
-  return dict;
-}
-
 py::tuple Filter(const KnownProblem& problem, const std::string& mode, const std::string& method,
                  const py::kwargs& given) {
   FilterOptions options;
@@ -343,7 +333,8 @@ py::tuple Filter(const KnownProblem& problem, const std::string& mode, const std
   options.thresholds.Validate();
   auto filtered = std::make_shared<KnownProblem>(problem);
   const FilterResult result = WithoutLock([&] { return FilterProblem(options, *filtered); });
-  return py::make_tuple(filtered, ToArray(result.keep), CountsOf(result.counts));
+  return py::make_tuple(filtered, ToArray(result.keep),
+                        NumbersOf<uint64_t>(ConstFieldsOf(result.counts)));
 }
 
 std::shared_ptr<KnownProblem> WithCandidates(const KnownProblem& problem, const py::kwargs& given) {

@@ -48,30 +48,26 @@ MatchingOptions TakeMatchingOptions(Keywords& keywords, const Scene& scene,
                                     const std::optional<ExtractorLike>& extractor,
                                     const std::optional<MatcherLike>& matcher) {
   MatchingOptions options;
-  HlocFiles files;
-  keywords.Take("features", files.features);
-  keywords.Take("matches", files.matches);
-  keywords.Take("pairs", files.pairs);
+  HlocFlags given;
+  keywords.Take("features", given.files.features);
+  keywords.Take("matches", given.files.matches);
+  keywords.Take("pairs", given.files.pairs);
   keywords.Take("top_k", options.top_k);
   keywords.Take("max_features", options.front_end.max_features);
   keywords.Take("max_ratio", options.front_end.max_ratio);
   keywords.Take("cache", options.front_end.cache);
   keywords.Take("extractor_name", options.front_end.extractor_name);
   keywords.Take("query_images", options.front_end.query_images);
-  const bool any = !files.features.empty() || !files.matches.empty() || !files.pairs.empty();
-  const bool all = StandAlone(files.matches)
-                       ? files.features.empty()
-                       : !files.features.empty() && !files.matches.empty() && !files.pairs.empty();
-  if (any && !all) {
+  if (given.Any() && !given.All()) {
     throw OptionError(
         "features, matches and pairs go together, but for matches that are COLMAP's database or a "
         "folder of pairs");
   }
-  if (any && (extractor || matcher)) {
+  if (given.Any() && (extractor || matcher)) {
     throw OptionError(
         "an extractor or matcher makes matches, which features, matches and pairs give");
   }
-  if (any) options.hloc = files;
+  if (given.Any()) options.hloc = given.files;
   keywords.Take("min_match_score", options.reading.min_score);
   keywords.Take("first_pixel", options.reading.first_pixel);
   keywords.Take("cell_px", options.reading.cell_px);
@@ -315,14 +311,6 @@ py::dict LeaveOneOut(SceneLocalizer& localizer, int threads,
                             progress);
 }
 
-py::dict CountsOf(const StageCounts& counts) {
-  py::dict dict;
-  ForEachNumber<uint64_t>(ConstFieldsOf(counts), [&dict](const std::string& name, size_t count) {
-    dict[py::str(name)] = count;
-  });
-  return dict;
-}
-
 // What became of it in JSON, the estimate and the problem.
 using ResultState = std::tuple<std::string, std::string, ProblemState>;
 ResultState StateOf(const KnownResult& result) {
@@ -361,7 +349,10 @@ void BindResult(py::module_& module) {
           "reason", [](const KnownResult& r) { return r.localized.reason; },
           "Why there is no pose; empty where there is one.")
       .def_property_readonly(
-          "counts", [](const KnownResult& r) { return CountsOf(r.localized.counts); },
+          "counts",
+          [](const KnownResult& r) {
+            return NumbersOf<uint64_t>(ConstFieldsOf(r.localized.counts));
+          },
           "What each stage found: references retrieved, 2D-2D matches, those lifted, points, "
           "inliers.")
       .def_property_readonly(
