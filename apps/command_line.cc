@@ -89,12 +89,6 @@ const AddedOption& AddedOption::NotConfigurable() const {
   return *this;
 }
 
-template <typename Value>
-AddedOption OptionGroup::AddValue(const std::string& name, Value& value,
-                                  const std::string& help) const {
-  return AddedOption(command_.add_option(name, value, help)->capture_default_str()->group(name_));
-}
-
 AddedOption OptionGroup::Flag(const std::string& name, bool& value, const std::string& help) const {
   return AddedOption(command_.add_flag(name, value, help)->group(name_));
 }
@@ -108,45 +102,31 @@ AddedOption OptionGroup::Print(const std::string& name, std::string (*text)(),
   return AddedOption(command_.add_flag_callback(name, print, help)->group(name_));
 }
 
-AddedOption OptionGroup::Add(const std::string& name, int& value, const std::string& help) const {
-  return AddValue(name, value, help);
+template <OptionValue Value>
+AddedOption OptionGroup::Add(const std::string& name, Value& value, const std::string& help) const {
+  CLI::Option* option = command_.add_option(name, value, help)->group(name_);
+  if constexpr (kIsOneOf<Value, int, uint64_t, double, std::string, path>) {
+    option->capture_default_str();
+  } else if constexpr (std::is_same_v<Value, std::vector<double>>) {
+    if (!value.empty()) option->capture_default_str();
+  }
+  return AddedOption(option);
 }
-AddedOption OptionGroup::Add(const std::string& name, uint64_t& value,
-                             const std::string& help) const {
-  return AddValue(name, value, help);
-}
-AddedOption OptionGroup::Add(const std::string& name, double& value,
-                             const std::string& help) const {
-  return AddValue(name, value, help);
-}
-AddedOption OptionGroup::Add(const std::string& name, std::string& value,
-                             const std::string& help) const {
-  return AddValue(name, value, help);
-}
-AddedOption OptionGroup::Add(const std::string& name, path& value, const std::string& help) const {
-  return AddValue(name, value, help);
-}
-AddedOption OptionGroup::Add(const std::string& name, std::optional<int>& value,
-                             const std::string& help) const {
-  return AddedOption(command_.add_option(name, value, help)->group(name_));
-}
-AddedOption OptionGroup::Add(const std::string& name, std::optional<double>& value,
-                             const std::string& help) const {
-  return AddedOption(command_.add_option(name, value, help)->group(name_));
-}
-AddedOption OptionGroup::Add(const std::string& name, std::vector<std::string>& values,
-                             const std::string& help) const {
-  return AddedOption(command_.add_option(name, values, help)->group(name_));
-}
-AddedOption OptionGroup::Add(const std::string& name, std::vector<path>& values,
-                             const std::string& help) const {
-  return AddedOption(command_.add_option(name, values, help)->group(name_));
-}
-AddedOption OptionGroup::Add(const std::string& name, std::vector<double>& values,
-                             const std::string& help) const {
-  CLI::Option* option = command_.add_option(name, values, help)->group(name_);
-  return AddedOption(values.empty() ? option : option->capture_default_str());
-}
+template AddedOption OptionGroup::Add(const std::string&, int&, const std::string&) const;
+template AddedOption OptionGroup::Add(const std::string&, uint64_t&, const std::string&) const;
+template AddedOption OptionGroup::Add(const std::string&, double&, const std::string&) const;
+template AddedOption OptionGroup::Add(const std::string&, std::string&, const std::string&) const;
+template AddedOption OptionGroup::Add(const std::string&, path&, const std::string&) const;
+template AddedOption OptionGroup::Add(const std::string&, std::optional<int>&,
+                                      const std::string&) const;
+template AddedOption OptionGroup::Add(const std::string&, std::optional<double>&,
+                                      const std::string&) const;
+template AddedOption OptionGroup::Add(const std::string&, std::vector<std::string>&,
+                                      const std::string&) const;
+template AddedOption OptionGroup::Add(const std::string&, std::vector<path>&,
+                                      const std::string&) const;
+template AddedOption OptionGroup::Add(const std::string&, std::vector<double>&,
+                                      const std::string&) const;
 
 AddedOption OptionGroup::Add(const std::string& name, const NamedValue& value,
                              const std::string& help) const {

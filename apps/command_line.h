@@ -11,6 +11,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -39,6 +40,14 @@ class AddedOption {
   CLI::Option* option_;
 };
 
+// What an option may hold beside names of an enum (NamedValue).
+template <typename T, typename... Types>
+inline constexpr bool kIsOneOf = (std::is_same_v<T, Types> || ...);
+template <typename T>
+concept OptionValue = kIsOneOf<T, int, uint64_t, double, std::string, std::filesystem::path,
+                               std::optional<int>, std::optional<double>, std::vector<std::string>,
+                               std::vector<std::filesystem::path>, std::vector<double>>;
+
 // Adds options to a group of a command's. The variables outlive the command; what they hold is the
 // default.
 class OptionGroup {
@@ -50,22 +59,8 @@ class OptionGroup {
   // Prints the text and ends the program.
   AddedOption Print(const std::string& name, std::string (*text)(), const std::string& help) const;
 
-  AddedOption Add(const std::string& name, int& value, const std::string& help) const;
-  AddedOption Add(const std::string& name, uint64_t& value, const std::string& help) const;
-  AddedOption Add(const std::string& name, double& value, const std::string& help) const;
-  AddedOption Add(const std::string& name, std::string& value, const std::string& help) const;
-  AddedOption Add(const std::string& name, std::filesystem::path& value,
-                  const std::string& help) const;
-  AddedOption Add(const std::string& name, std::optional<int>& value,
-                  const std::string& help) const;
-  AddedOption Add(const std::string& name, std::optional<double>& value,
-                  const std::string& help) const;
-  AddedOption Add(const std::string& name, std::vector<std::string>& values,
-                  const std::string& help) const;
-  AddedOption Add(const std::string& name, std::vector<std::filesystem::path>& values,
-                  const std::string& help) const;
-  AddedOption Add(const std::string& name, std::vector<double>& values,
-                  const std::string& help) const;
+  template <OptionValue Value>
+  AddedOption Add(const std::string& name, Value& value, const std::string& help) const;
   // "{}" in the help stands for the list of names.
   AddedOption Add(const std::string& name, const NamedValue& value, const std::string& help) const;
   // Of any table: "--" and dashes for underscores make the option's name.
@@ -100,8 +95,6 @@ class OptionGroup {
   AddedOption AddNameList(const std::string& name, const std::vector<std::string>& names,
                           const std::function<void(std::span<const size_t>)>& take,
                           const std::vector<std::string>& defaults, const std::string& help) const;
-  template <typename Value>
-  AddedOption AddValue(const std::string& name, Value& value, const std::string& help) const;
 
   CLI::App& command_;
   std::string name_;
