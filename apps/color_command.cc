@@ -29,7 +29,6 @@ constexpr double kMostTriangles = 5e8;
 struct ColorFlags {
   std::string mesh;
   ReferenceFlags references;
-  PoseConvention model_poses = PoseConvention::kCamFromWorld;
   path images, out;
   double max_edge = 0;
   bool keep_exposures = false;
@@ -70,8 +69,7 @@ TriangleMesh FineMesh(const TriangleMesh& mesh, double max_edge) {
 
 void Color(const ColorFlags& flags) {
   RequireWritable(flags.out);
-  const LoadedReferences loaded =
-      LoadReferences(flags.references.model, flags.references.subsampling, flags.model_poses);
+  const LoadedReferences loaded = flags.references.Load();
   PrintWarnings(loaded.warnings);
   const std::string spec = IsMeshSpec(flags.mesh) ? flags.mesh : "mesh:" + flags.mesh;
   const MeshScene scene = LoadMeshScene({spec}, {.threads = flags.run.threads});
@@ -118,7 +116,7 @@ Command AddColorCommand(CLI::App& program) {
   const OptionGroup options(command);
   options.Add("MESH", flags->mesh, "The mesh: a file, or mesh:PATH[,key=value...]").Required();
   AddReferenceOptions(command, flags->references);
-  AddModelPosesOption(command, flags->model_poses);
+  AddModelPosesOption(command, flags->references);
   const OptionGroup references(command, "References");
   references.Add("--images", flags->images, "Folder of the photographs").Required();
   const OptionGroup mesh(command, "Mesh");

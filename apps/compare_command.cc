@@ -59,7 +59,6 @@ size_t CacheBytes(std::span<const PosedImage> images) {
 
 struct CompareFlags {
   ReferenceFlags references;
-  PoseConvention model_poses = PoseConvention::kCamFromWorld;
   std::vector<std::string> geometry;
   std::string truth;
   int max_side_px = 640;
@@ -192,10 +191,7 @@ LocalizationGrid ParseGrid(const CompareFlags& flags) {
 
 // The references and all sources.
 Scene OpenSceneOf(const CompareFlags& flags) {
-  Scene scene = OpenScene({.model = flags.references.model,
-                           .model_poses = flags.model_poses,
-                           .subsampling = flags.references.subsampling,
-                           .images = flags.images});
+  Scene scene = OpenScene(flags.references.Scene(flags.images, {}, flags.run.threads));
   PrintWarnings(scene.warnings);
   for (const NamedSpec& named : ParseSpecs(flags)) {
     OpenGeometry(
@@ -435,7 +431,7 @@ Command AddCompareCommand(CLI::App& program) {
                  "Which source of geometry is best, where, and what is wrong with the others");
   AddSceneOption(command);
   AddReferenceOptions(command, flags->references);
-  AddModelPosesOption(command, flags->model_poses);
+  AddModelPosesOption(command, flags->references);
   const OptionGroup geometry(command, "Geometry");
   geometry.Add("--geometry", flags->geometry, "name=SPEC, repeated. " + GeometryHelp())
       .Required()

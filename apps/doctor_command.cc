@@ -33,7 +33,6 @@ using Json = nlohmann::ordered_json;
 struct DoctorFlags {
   ReferenceFlags references;
   path images, queries, query_images;
-  PoseConvention model_poses = PoseConvention::kCamFromWorld;
   std::string geometry;
   MatchingFlags matching;
   path json, report;
@@ -165,12 +164,8 @@ void Print(const Diagnosis& diagnosis, const DepthAlignment& alignment) {
 }
 
 void Run(const DoctorFlags& flags) {
-  const Scene scene = OpenScene({.model = flags.references.model,
-                                 .model_poses = flags.model_poses,
-                                 .subsampling = flags.references.subsampling,
-                                 .images = flags.images,
-                                 .geometry = {flags.geometry},
-                                 .threads = flags.run.threads});
+  const Scene scene =
+      OpenScene(flags.references.Scene(flags.images, {flags.geometry}, flags.run.threads));
   const NamedGeometry& geometry = scene.sources.front().geometry;
   if (geometry.kind == GeometryKind::kSfm) {
     throw OptionError("--geometry", flags.geometry, "expected mesh:... or depth:...");
@@ -222,7 +217,7 @@ Command AddDoctorCommand(CLI::App& program) {
   AddReferenceOptions(command, flags->references);
   const OptionGroup references(command, "References");
   references.Add("--images", flags->images, "Folder of the reference photographs");
-  AddModelPosesOption(command, flags->model_poses);
+  AddModelPosesOption(command, flags->references);
   const OptionGroup geometry(command, "Geometry");
   geometry.Add("--geometry", flags->geometry, GeometryHelp()).Required();
   const OptionGroup matches(command, "Matches");

@@ -130,11 +130,7 @@ std::string NameIn(NameForm form, const std::string& name) {
 class Export {
  public:
   explicit Export(const ExportFlags& flags) : flags_(flags), run_(ReadFinishedRun(flags.run)) {
-    if (!flags.model.empty()) {
-      run_.model = flags.model;
-      run_.model_poses = PoseConvention::kCamFromWorld;
-      run_.subsampling = {};
-    }
+    if (!flags.model.empty()) run_.references = {.model = flags.model};
     if (!flags.queries.empty()) run_.query_list = flags.queries;
     if (!flags.query_images.empty()) run_.query_images = flags.query_images;
     if (!flags.geometry.empty()) run_.geometry = {flags.geometry};
@@ -173,8 +169,9 @@ class Export {
 
  private:
   ReferenceSet References() {
-    if (run_.model.empty()) throw OptionError("--model is required where RUN is a pose file");
-    LoadedReferences loaded = LoadReferences(run_.model, run_.subsampling, run_.model_poses);
+    if (run_.references.model.empty())
+      throw OptionError("--model is required where RUN is a pose file");
+    LoadedReferences loaded = run_.references.Load();
     PrintWarnings(loaded.warnings);
     note_ = fmt::format(" beside {} references", loaded.references.images.size());
     return loaded.references;
@@ -225,7 +222,7 @@ class Export {
 
   void WriteModel() {
     std::error_code none;
-    if (std::filesystem::equivalent(flags_.out, run_.model, none)) {
+    if (std::filesystem::equivalent(flags_.out, run_.references.model, none)) {
       throw OptionError("--out", flags_.out.string(), "is the folder of the references' model");
     }
     WriteColmapModel(flags_.out, LocalizedModel(References(), run_.PosedQueries(), run_.queries),
@@ -235,7 +232,7 @@ class Export {
   void WriteScene() {
     const std::optional<Eigen::Vector3d> up = ParseUp(flags_.up);
     std::vector<GlbCamera> cameras;
-    if (!run_.model.empty()) {
+    if (!run_.references.model.empty()) {
       for (PosedImage& image : References().images) {
         cameras.push_back({std::move(image), GlbCameraKind::kReference});
       }

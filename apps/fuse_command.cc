@@ -36,7 +36,6 @@ using std::filesystem::path;
 struct FuseFlags {
   ReferenceFlags references;
   path images, scene_calibration, out;
-  PoseConvention model_poses = PoseConvention::kCamFromWorld;
   std::string geometry;
   AlignMode align = AlignMode::kAuto;
   MatchingFlags matching;
@@ -131,12 +130,8 @@ void Print(const FuseFlags& flags, const SceneSource& source, const FusedMesh& f
 
 void Run(const FuseFlags& flags) {
   RequireWritable(flags.out);
-  Scene scene = OpenScene({.model = flags.references.model,
-                           .model_poses = flags.model_poses,
-                           .subsampling = flags.references.subsampling,
-                           .images = flags.images,
-                           .geometry = {flags.geometry},
-                           .threads = flags.run.threads});
+  Scene scene =
+      OpenScene(flags.references.Scene(flags.images, {flags.geometry}, flags.run.threads));
   PrintWarnings(scene.warnings);
   scene = WithCorrectedDepth(flags, scene);
   FusedMesh fused = Fuse(flags, scene);
@@ -166,7 +161,7 @@ Command AddFuseCommand(CLI::App& program) {
   references.Add("--images", flags->images,
                  "Folder of the reference photographs, which correct the depth and color\n"
                  "the mesh");
-  AddModelPosesOption(command, flags->model_poses);
+  AddModelPosesOption(command, flags->references);
   const OptionGroup geometry(command, "Geometry");
   geometry.Add("--geometry", flags->geometry, GeometryHelp()).Required();
   geometry.Add("--align-depth", flags->align,

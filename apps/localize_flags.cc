@@ -247,7 +247,7 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags, const char* out
   AddReferenceOptions(command, flags.references, /*model_is_required=*/false);
   const OptionGroup references(command, "References");
   references.Add("--images", flags.images, "Folder of the reference photographs");
-  AddModelPosesOption(command, flags.model_poses);
+  AddModelPosesOption(command, flags.references);
   AddGeometryOptions(command, flags.geometry);
   const OptionGroup geometry(command, "Geometry");
   geometry.Flag("--no-doctor", flags.no_doctor,

@@ -85,7 +85,6 @@ struct LocalizeFlags {
   std::filesystem::path images, queries, query_images, priors, rigs, scene_calibration;
   AlignBy align = AlignBy::kMatches;
   std::optional<WorldFrame> world;
-  PoseConvention model_poses = PoseConvention::kCamFromWorld;
   GeometryFlags geometry;
   MatchingFlags matching;
   std::filesystem::path out, write_problems, write_model, report, ground_truth;

@@ -105,12 +105,7 @@ std::unique_ptr<LocalizeAll> OpenEdgeLocalizer(const LocalizeFlags& flags, const
 Scene OpenSceneOf(const LocalizeFlags& flags, std::span<const Query> queries) {
   if (flags.AlignsEdges()) return OpenMeshAlone(flags);
   if (!flags.RendersReferences()) {
-    return OpenScene({.model = flags.references.model,
-                      .model_poses = flags.model_poses,
-                      .subsampling = flags.references.subsampling,
-                      .images = flags.images,
-                      .geometry = flags.geometry.specs,
-                      .threads = flags.run.threads});
+    return OpenScene(flags.references.Scene(flags.images, flags.geometry.specs, flags.run.threads));
   }
   std::vector<Camera> cameras;
   for (const Query& query : queries) cameras.push_back(query.camera);

@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <utility>
 
 #include "apps/program.h"
 #include "base/input_paths.h"
@@ -13,6 +14,7 @@
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"
 #include "raylift/lifting/geometry_spec.h"
+#include "raylift/localization/scene.h"
 
 namespace raylift {
 namespace {
@@ -88,9 +90,9 @@ void AddFilterOptions(CLI::App& command, FilterOptions& options) {
   OptionGroup(command, "Consistency filter").Add(FieldsOf(options));
 }
 
-void AddModelPosesOption(CLI::App& command, PoseConvention& poses) {
+void AddModelPosesOption(CLI::App& command, ReferenceFlags& flags) {
   OptionGroup(command, "References")
-      .Add("--model-poses", poses,
+      .Add("--model-poses", flags.poses,
            "What the model's poses are, where they are not as COLMAP writes\n"
            "them: {}");
 }
@@ -143,6 +145,18 @@ void CheckSubsampling(const Subsampling& subsampling) {
     throw OptionError("--every-offset", std::to_string(subsampling.offset),
                       fmt::format("must be below --every, {}", subsampling.every));
   }
+}
+
+LoadedReferences ReferenceFlags::Load() const { return LoadReferences(model, subsampling, poses); }
+
+SceneOptions ReferenceFlags::Scene(const std::filesystem::path& images,
+                                   std::vector<std::string> geometry, int threads) const {
+  return {.model = model,
+          .model_poses = poses,
+          .subsampling = subsampling,
+          .images = images,
+          .geometry = std::move(geometry),
+          .threads = threads};
 }
 
 void AddReferenceOptions(CLI::App& command, ReferenceFlags& flags, bool model_is_required) {

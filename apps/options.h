@@ -24,6 +24,9 @@
 
 namespace raylift {
 
+struct LoadedReferences;
+struct SceneOptions;
+
 void AddEstimatorOptions(CLI::App& command, EstimatorOptions& options);
 // "p3p,adaptive:mult_inl,select:0.7": names of methods, Adaptive's with a score and Select's with
 // an alpha where these are not those of `base`. Throws OptionError in the name of --methods.
@@ -31,8 +34,6 @@ std::vector<EstimatorOptions> ParseMethods(std::string_view text, const Estimato
 // The forms of these names, for help: "p3p|...|adaptive[:SCORE]|...".
 std::string MethodForms();
 void AddFilterOptions(CLI::App& command, FilterOptions& options);
-// `--model-poses`: what the poses of --model mean.
-void AddModelPosesOption(CLI::App& command, PoseConvention& poses);
 
 // Where 3D points come from.
 struct GeometryFlags {
@@ -61,12 +62,19 @@ void CheckSubsampling(const Subsampling& subsampling);
 // A scene's references.
 struct ReferenceFlags {
   std::filesystem::path model;
-  Subsampling subsampling;
+  Subsampling subsampling = {};
+  PoseConvention poses = PoseConvention::kCamFromWorld;
 
   // Throws OptionError.
   void Check() const { CheckSubsampling(subsampling); }
+  LoadedReferences Load() const;
+  // What a scene with these references is opened by.
+  SceneOptions Scene(const std::filesystem::path& images, std::vector<std::string> geometry,
+                     int threads) const;
 };
 void AddReferenceOptions(CLI::App& command, ReferenceFlags& flags, bool model_is_required = true);
+// `--model-poses`: what the poses of --model mean.
+void AddModelPosesOption(CLI::App& command, ReferenceFlags& flags);
 
 // "x", "-y", ... or "X,Y,Z"; none, "auto", unless given: what the mesh tells (EstimateUp).
 void AddUpOption(const OptionGroup& group, const std::string& name,

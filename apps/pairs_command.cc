@@ -24,7 +24,6 @@ using std::filesystem::path;
 
 struct PairsFlags {
   ReferenceFlags references;
-  PoseConvention model_poses = PoseConvention::kCamFromWorld;
   std::string geometry;
   path queries, images, query_images, cache;
   int max_features = 4096;
@@ -58,10 +57,7 @@ RetrievalOptions Resolve(const PairsFlags& flags) {
 class PairsRun {
  public:
   PairsRun(const PairsFlags& flags, RetrievalOptions options)
-      : flags_(flags),
-        options_(std::move(options)),
-        loaded_(LoadReferences(flags.references.model, flags.references.subsampling,
-                               flags.model_poses)) {
+      : flags_(flags), options_(std::move(options)), loaded_(flags.references.Load()) {
     PrintWarnings(loaded_.warnings);
     RequireWritable(flags.out);
     if (!flags.scores.empty()) RequireWritable(flags.scores);
@@ -145,7 +141,7 @@ Command AddPairsCommand(CLI::App& program) {
       AddCommand(program, "pairs",
                  "Which references to match with each query or reference, as hloc's pairs list");
   AddReferenceOptions(command, flags->references);
-  AddModelPosesOption(command, flags->model_poses);
+  AddModelPosesOption(command, flags->references);
   const OptionGroup queries(command, "Queries");
   queries.Add("--queries", flags->queries,
               "List of queries: name MODEL width height params...\n"

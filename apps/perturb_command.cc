@@ -100,8 +100,7 @@ DepthWriteOptions WriteOptionsOf(const PerturbFlags& flags) {
 // The images as a walk: odometry.txt and times.txt.
 void MakeOdometry(const PerturbFlags& flags, const std::string& options_json) {
   flags.odometry.Validate();
-  const LoadedReferences loaded =
-      LoadReferences(flags.references.model, flags.references.subsampling);
+  const LoadedReferences loaded = flags.references.Load();
   PrintWarnings(loaded.warnings);
   const PosesByName poses = PosesOf(loaded.references);
   const std::vector<TimedName> order = InOrderOfTime(poses, flags.times);
@@ -137,8 +136,7 @@ void Run(const PerturbFlags& flags, const std::string& options_json) {
   const DepthMisalignment misalignment = flags.Misalignment();
   misalignment.Validate();
   const DepthWriteOptions write_options = WriteOptionsOf(flags);
-  const LoadedReferences loaded =
-      LoadReferences(flags.references.model, flags.references.subsampling);
+  const LoadedReferences loaded = flags.references.Load();
   const std::vector<PosedImage>& images = loaded.references.images;
   const NamedGeometry geometry =
       MakeGeometrySource(flags.geometry, {.model = flags.references.model,

@@ -37,14 +37,15 @@ void TakeOptions(const path& folder, FinishedRun& run) {
     run.leave_one_out = options.value("leave-one-out", false);
     run.query_images = PathOption(options, "query-images");
     if (run.query_images.empty()) run.query_images = PathOption(options, "images");
-    run.model = PathOption(options, "model");
-    if (run.model.empty()) run.model = folder / "references" / "model";  // rendered
+    run.references.model = PathOption(options, "model");
+    if (run.references.model.empty())
+      run.references.model = folder / "references" / "model";  // rendered
     const auto poses = FromName<PoseConvention>(options.at("model-poses").get<std::string>());
     if (!poses) throw InputError(file, "model-poses", "expected " + NameList<PoseConvention>());
-    run.model_poses = *poses;
-    run.subsampling = {.every = options.at("every").get<int>(),
-                       .offset = options.at("every-offset").get<int>(),
-                       .per_camera = options.at("every-per-camera").get<bool>()};
+    run.references.poses = *poses;
+    run.references.subsampling = {.every = options.at("every").get<int>(),
+                                  .offset = options.at("every-offset").get<int>(),
+                                  .per_camera = options.at("every-per-camera").get<bool>()};
     run.geometry = options.at("geometry").get<std::vector<std::string>>();
     const path crs = options.contains("crs") ? PathOption(options, "crs") : path();
     if (!crs.empty()) run.world = WorldFrame::Parse(crs.string());
@@ -58,7 +59,7 @@ std::vector<Query> ListedQueries(const FinishedRun& run) {
   if (!run.leave_one_out) {
     throw OptionError("--queries is required where RUN is a pose file");
   }
-  return QueriesOf(LoadReferences(run.model, run.subsampling, run.model_poses).references);
+  return QueriesOf(run.references.Load().references);
 }
 
 }  // namespace
@@ -116,7 +117,7 @@ std::vector<Query> FinishedRun::PosedQueries() const {
   for (const LocalizedQuery& query : queries) {
     const auto found = listed.find(query.name);
     if (found == listed.end()) {
-      throw InputError(query_list.empty() ? model : query_list,
+      throw InputError(query_list.empty() ? references.model : query_list,
                        fmt::format("{} has a pose, but is missing here", query.name));
     }
     posed.push_back(found->second);

@@ -8,9 +8,10 @@
 #include <string>
 #include <vector>
 
+#include "apps/options.h"
+
 #include "raylift/evaluation/pose_errors.h"
 #include "raylift/geometry/geodesy.h"
-#include "raylift/geometry/rigid3.h"
 #include "raylift/localization/localizer.h"
 #include "raylift/scene/photographs.h"
 
@@ -37,10 +38,9 @@ std::string ResultName(const std::filesystem::path& file);
 struct FinishedRun {
   std::vector<LocalizedQuery> queries;  // in the order of the list, with and without poses
   // As its options.json has them: relative paths start where it ran. Empty where it has none.
-  std::filesystem::path query_list, query_images, model;
+  std::filesystem::path query_list, query_images;
+  ReferenceFlags references;
   bool leave_one_out = false;  // the queries are the model's images, and there is no list
-  PoseConvention model_poses = PoseConvention::kCamFromWorld;
-  Subsampling subsampling;
   std::vector<std::string> geometry;
   std::optional<WorldFrame> world;
 
