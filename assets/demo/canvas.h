@@ -21,6 +21,8 @@ inline Color Mix(const Color& a, const Color& b, double t) {
   return (1 - weight) * a + weight * b;
 }
 
+inline Color Lit(const Color& color, double factor) { return color * static_cast<float>(factor); }
+
 // In meters, y up.
 struct Rect {
   double x0, y0, x1, y1;

@@ -10,8 +10,6 @@ namespace raylift::demo {
 
 namespace {
 
-Color Lit(const Color& color, double factor) { return color * static_cast<float>(factor); }
-
 // 1 in the joint, 0 on the stone, for a distance to the joint's middle.
 double Joint(double distance, double half_width) {
   return std::clamp(1.5 - distance / half_width, 0.0, 1.0);

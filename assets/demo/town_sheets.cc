@@ -18,8 +18,6 @@ namespace {
 
 using Wall = HouseStyle::Wall;
 
-Color Lit(const Color& color, double factor) { return color * static_cast<float>(factor); }
-
 Color DrawColor(Rng& rng, const std::vector<Color>& colors) {
   const Color& color = colors[rng.UniformIndex(static_cast<uint32_t>(colors.size()))];
   return color + 0.07f * Color(static_cast<float>(rng.Uniform(-1, 1)),
