@@ -2,6 +2,7 @@
 // those of one run that was left alone.
 
 #include <csignal>
+#include <regex>
 
 #include "apps/job_runs.h"
 #include "apps/program.h"
@@ -251,10 +252,11 @@ TEST_F(LocalizeJob, StatusTellsWhichShardsAreLeft) {
   const CommandResult status = RunRaylift({"status", out});
   EXPECT_EQ(status.exit_code, 4);
   EXPECT_NE(status.out.find("shard 1/4: 3 of 3, done"), std::string::npos) << status.out;
-  EXPECT_NE(status.out.find("shard 2/4: 1 of 3, stopped or failed"), std::string::npos)
-      << status.out;
+  // It may have done another one before it was killed.
+  const std::regex stopped("shard 2/4: [12] of 3, stopped or failed");
+  EXPECT_TRUE(std::regex_search(status.out, stopped)) << status.out;
   EXPECT_NE(status.out.find("--array=0,2-3 with --shard auto/4"), std::string::npos) << status.out;
-  EXPECT_NE(status.err.find("8 of 12 are not done"), std::string::npos) << status.err;
+  EXPECT_TRUE(std::regex_search(status.err, std::regex("[78] of 12 are not done"))) << status.err;
   for (const std::string shard : {"0/4", "2/4", "3/4"}) {
     ASSERT_TRUE(Succeeds(RunRaylift(Localize(out, {"--shard", shard, "--resume"}))));
   }

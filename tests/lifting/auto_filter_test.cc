@@ -218,7 +218,7 @@ TEST(AutoFilter, KeepsPointsThatAreExpectedWithinOneAndAHalfDeviationsOfKeypoint
 TEST(AutoFilter, WhereFewRemainDropsAllOrKeepsTheBest) {
   Rng rng = TestRng();
   const Problem problem = MakeProblem(60, 0.3, rng);
-  const auto points = LiftAll(problem, 0.5, rng);
+  const auto points = LiftAll(problem, 0.1, rng);
   const size_t more_than_good = 60;
   const FilterResult none = Filter(problem, points, {.min_points = more_than_good});
   EXPECT_EQ(none.counts.consistent, 0u);
