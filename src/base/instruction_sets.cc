@@ -7,19 +7,22 @@
 namespace raylift {
 namespace {
 
-SimdLevel FindBestLevel() {
-  for (const SimdLevel level : {SimdLevel::kAvx512, SimdLevel::kAvx2}) {
-    if (IsSupported(level)) return level;
-  }
-  return SimdLevel::kSse2;
-}
-
 std::atomic<SimdLevel>& ActiveLevel() {
-  static std::atomic<SimdLevel> level{FindBestLevel()};
+  static std::atomic<SimdLevel> level{BestSimdLevel()};
   return level;
 }
 
 }  // namespace
+
+std::string_view VectorInstructions() {
+#if RAYLIFT_X86_KERNELS
+  if (IsSupported(SimdLevel::kAvx512)) return "avx512";
+  if (IsSupported(SimdLevel::kAvx2) && __builtin_cpu_supports("fma")) return "avx2";
+  return __builtin_cpu_supports("avx") ? "avx" : "sse";
+#else
+  return "other";
+#endif
+}
 
 std::string_view ToString(SimdLevel level) {
   switch (level) {
@@ -49,8 +52,10 @@ bool IsSupported(SimdLevel level) {
 }
 
 SimdLevel BestSimdLevel() {
-  static const SimdLevel best = FindBestLevel();
-  return best;
+  for (const SimdLevel level : {SimdLevel::kAvx512, SimdLevel::kAvx2}) {
+    if (IsSupported(level)) return level;
+  }
+  return SimdLevel::kSse2;
 }
 
 SimdLevel ActiveSimdLevel() { return ActiveLevel(); }

@@ -23,18 +23,7 @@ namespace raylift {
 
 // Returns the best vector instructions of this machine that the libraries tell apart: the last
 // digits of what Embree, OpenCV and the C library compute depend on them.
-inline std::string_view VectorInstructions() {
-#if defined(__x86_64__)
-  if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") &&
-      __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512dq")) {
-    return "avx512";
-  }
-  if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) return "avx2";
-  return __builtin_cpu_supports("avx") ? "avx" : "sse";
-#else
-  return "other";
-#endif
-}
+std::string_view VectorInstructions();
 
 enum class SimdLevel { kSse2, kAvx2, kAvx512 };
 

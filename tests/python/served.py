@@ -1,4 +1,4 @@
-"""The program's server on the demo scene, and requests to it."""
+"""The program's server on the demo scene, and requests to it. `served.py FOLDER` makes localize_demo()'s run."""
 
 import json
 import os
@@ -6,6 +6,7 @@ import random
 import signal
 import socket
 import subprocess
+import sys
 import urllib.error
 import urllib.request
 from concurrent.futures import ThreadPoolExecutor
@@ -16,12 +17,18 @@ from typing import Sequence
 RAYLIFT = os.environ["RAYLIFT"]
 DEMO = Path(os.environ["RAYLIFT_SOURCE"]) / "assets/demo"
 SCENE = DEMO / "scene.toml"
-CRS = "EPSG:32632@500000,5400000,200"  # of the shared run (conftest.py)
+CRS = "EPSG:32632@500000,5400000,200"  # of localize_demo()
 # Options of servers that shall answer soon.
 FAST = ("--method", "p3p", "--max-features", "512", "--align-depth", "off", "--filter", "off")
 QUERIES = {line.split()[0]: line.split(" ", 1)[1] for line in (DEMO / "queries.txt").read_text().splitlines()}
 Request = tuple[bytes, dict[str, str]]  # a body and its headers
 Answer = tuple[int, Message, bytes]
+
+
+def localize_demo(out: Path) -> None:
+    """The run that many tests look at, as if the demo stood in UTM's zone 32."""
+    subprocess.run([RAYLIFT, "localize", "--scene", SCENE, "--crs", CRS, "--out", out, "--overwrite", "--quiet"],
+                   check=True)
 
 
 def photograph(name: str) -> bytes:
@@ -131,3 +138,7 @@ class Server:
         self.process.send_signal(sent)
         _, told = self.process.communicate(timeout=600)
         return self.process.returncode, told
+
+
+if __name__ == "__main__":
+    localize_demo(Path(sys.argv[1]))

@@ -9,7 +9,6 @@ import os
 import re
 import signal
 import socket
-import subprocess
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -20,7 +19,7 @@ import pytest
 
 import raylift
 from served import (
-    DEMO, FAST, QUERIES, RAYLIFT, SCENE, Answer, Server, cached, form, lines_of, photograph, query_form)
+    DEMO, FAST, QUERIES, Answer, Server, cached, form, lines_of, photograph, query_form)
 
 
 @pytest.fixture(scope="module")
