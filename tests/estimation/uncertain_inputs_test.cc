@@ -339,6 +339,27 @@ TEST(FocalSigma, LeavesTheCameraAndFindsThePose) {
   EXPECT_GE(uncertain.score_2d3d.num_inliers, 0.99 * best.score_2d3d.num_inliers);
 }
 
+// Of an error d that the matches tell with the deviation s_m, a given s leaves
+// d s^2 / (s^2 + s_m^2): what is left over what is taken grows as s^2.
+TEST(FocalSigma, DrawsTheFocalLengthTowardTheGivenOne) {
+  SyntheticProblem synthetic = MakeRegime(RegimeByName("accurate"), 1).front();
+  synthetic.problem.query_camera = WithFocalTimes(synthetic.problem.query_camera, 1.005);
+  const auto estimator = MakePoseEstimator(StandardOptions(Method::kAdaptive));
+  const auto center = [&](double sigma) {
+    synthetic.problem.priors.focal_sigma = sigma;
+    return estimator->Estimate(synthetic.problem).cam_from_world.value().OriginInSource();
+  };
+  const Eigen::Vector3d given = center(0);
+  const double free = (center(0.3) - given).norm();
+  EXPECT_GT(free, 0.01);
+  EXPECT_LT((center(1e-5) - given).norm(), 0.01 * free);
+  const auto ratio = [&](double sigma) {
+    const double moved = (center(sigma) - given).norm();
+    return moved / (free - moved);
+  };
+  EXPECT_NEAR(ratio(4e-4) / ratio(2e-4), 4, 0.8);
+}
+
 TEST(FocalSigma, OfTheOptionsTakesThePlaceOfTheProblems) {
   SyntheticProblem synthetic = MakeRegime(RegimeByName("accurate"), 1).front();
   EstimatorOptions options = StandardOptions(Method::kAdaptive);

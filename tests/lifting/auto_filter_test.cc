@@ -215,6 +215,31 @@ TEST(AutoFilter, KeepsPointsThatAreExpectedWithinOneAndAHalfDeviationsOfKeypoint
   EXPECT_GT(slightly_beyond, 5u);
 }
 
+TEST(AutoFilter, DropsPointsThatHalfOfTheirViewsContradictHoweverGoodTheOthersFindThem) {
+  Rng rng = TestRng();
+  Problem problem = MakeProblem(400, 0.5, rng);
+  // In three of the five references some keypoints lie elsewhere.
+  for (size_t i = 0; i < problem.matches.size(); i += 6) {
+    for (Match2D2D& match : problem.matches) {
+      const bool same = match.query_px == problem.matches[i].query_px;
+      if (same && match.reference > 2) match.reference_px += Eigen::Vector2d(25, 25);
+    }
+  }
+  const auto points = LiftAll(problem, 0.1, rng);
+  const auto trust = EstimateTrust(problem.room.references, problem.matches, points);
+  ASSERT_TRUE(trust);
+  const FilterResult result = Filter(problem, points);
+  size_t good_but_in_doubt = 0;
+  for (size_t i = 0; i < points.size(); ++i) {
+    const PointTrust& point = trust->points[i];
+    if (!point.in_doubt) continue;
+    EXPECT_FALSE(result.keep[i]);
+    good_but_in_doubt += point.expected_error_px <= trust->noise.keypoints_px ? 1 : 0;
+  }
+  EXPECT_GT(good_but_in_doubt, 5u);
+  EXPECT_GE(result.counts.dropped_by_ratio, good_but_in_doubt);
+}
+
 TEST(AutoFilter, WhereFewRemainDropsAllOrKeepsTheBest) {
   Rng rng = TestRng();
   const Problem problem = MakeProblem(60, 0.3, rng);

@@ -12,6 +12,7 @@
 #include <gtest/gtest.h>
 
 #include "raylift/io/depth_file.h"
+#include "raylift/lifting/lifter.h"
 
 namespace raylift {
 namespace {
@@ -150,6 +151,11 @@ TEST(WeighedSource, GivesPointsTheDeviationsOfTheirConfidences) {
   EXPECT_NEAR(points[0]->log_depth_sigma.value(), 0.01, 1e-6);
   EXPECT_NEAR(points[1]->log_depth_sigma.value(), 0.3, 1e-5);
   EXPECT_EQ(points[0]->point_sigma, std::nullopt);
+  const Match2D2D matches[] = {{0, {10, 20}, pixels[0]}, {0, {30, 40}, pixels[1]}};
+  const auto lifted = Matches2D3D(LiftMatches(weighed, room.references, matches));
+  for (size_t i = 0; i < 2; ++i) {
+    EXPECT_EQ(lifted.at(i).log_depth_sigma, points[i]->log_depth_sigma);
+  }
 }
 
 }  // namespace
