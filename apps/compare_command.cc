@@ -305,7 +305,6 @@ class CompareRun {
     options.title = fmt::format("Raylift: {}", flags_.references.model.lexically_normal().string());
     options.images = flags_.images;
     options.query_images = QueryImages();
-    options.threads = flags_.run.threads;
     return options;
   }
 

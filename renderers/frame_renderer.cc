@@ -402,6 +402,13 @@ Frame RenderOne(const RayCaster& caster, const Camera& camera, const Rigid3& cam
 
 }  // namespace
 
+ColorOptions PictureColors(const RayCaster& caster) {
+  ColorOptions colors;
+  colors.background_rgb = kPictureBackground;
+  if (!caster.HasColors()) colors.shading = ColorOptions::Shading::kHeadlight;
+  return colors;
+}
+
 DepthMap RenderDepth(const RayCaster& caster, const Camera& camera, const Rigid3& cam_from_world,
                      int threads) {
   FrameOptions options;

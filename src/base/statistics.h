@@ -20,6 +20,10 @@ inline constexpr double kSigmaPerMad = 1.4826;
 // The standard error of the median of normal values over that of their mean: sqrt(pi / 2).
 inline constexpr double kMedianErrorPerMeanError = 1.2533;
 
+inline double Percent(size_t part, size_t whole) {
+  return whole > 0 ? 100.0 * static_cast<double>(part) / static_cast<double>(whole) : 0;
+}
+
 // Returns the value at index share * (count - 1), rounded down, of the values in order. Reorders
 // the values, of which there must be one at least.
 template <typename T>

@@ -78,10 +78,6 @@ double LogScaleOfStep(const ConsistencyOptions& options, int step) {
   return options.max_log_scale * (2.0 * step / (options.scale_steps - 1) - 1);
 }
 
-double Percent(size_t part, size_t whole) {
-  return whole > 0 ? 100.0 * static_cast<double>(part) / static_cast<double>(whole) : 0;
-}
-
 }  // namespace
 
 std::vector<std::vector<size_t>> FindOverlaps(const GeometrySource& source,

@@ -30,10 +30,6 @@ constexpr double kMinDepthRatio = 1.5;
 constexpr double kSameExponent = 0.4;
 constexpr float kUnknown = std::numeric_limits<float>::quiet_NaN();
 
-double Percent(size_t part, size_t whole) {
-  return whole > 0 ? 100.0 * static_cast<double>(part) / static_cast<double>(whole) : 0;
-}
-
 // ln(estimated / true), NaN where one is not known.
 class LogRatios {
  public:

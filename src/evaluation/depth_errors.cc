@@ -34,10 +34,6 @@ Common Intersect(std::span<const float> estimated, std::span<const float> truth)
   return common;
 }
 
-double Percent(size_t part, size_t whole) {
-  return whole > 0 ? 100.0 * static_cast<double>(part) / static_cast<double>(whole) : 0;
-}
-
 }  // namespace
 
 std::optional<DepthErrors> ComputeDepthErrors(std::span<const float> estimated,

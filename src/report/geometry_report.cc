@@ -21,7 +21,6 @@ using Json = nlohmann::ordered_json;
 
 constexpr size_t kMaxPictured = 24;  // images, evenly spread
 constexpr int kTileSidePx = 240;     // the longer side
-constexpr std::array<uint8_t, 3> kBackground = {222, 226, 232};
 
 // The 2nd and the 98th percentile of all depths: what the colors are spread over.
 std::pair<double, double> DepthColorRange(std::span<const DepthMap> maps) {
@@ -75,7 +74,7 @@ std::string FormatRenderReport(const RenderReport& report) {
   options.depth = true;
   options.color = true;
   options.color_options = report.colors;
-  options.color_options.background_rgb = kBackground;
+  options.color_options.background_rgb = kPictureBackground;
   const FrameRenderer renderer(report.scene, options);
   const std::vector<size_t> shown = EvenlySpaced(report.images.size(), kMaxPictured);
   std::vector<DepthMap> maps(shown.size());

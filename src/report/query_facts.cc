@@ -78,10 +78,8 @@ Json SeenFromPose(const Camera& camera, const Rigid3& cam_from_world, const RayC
   const int width = std::min(kPagePictureWidthPx, camera.width_px());
   const int height = std::max(1, camera.height_px() * width / camera.width_px());
   const Camera small = camera.Scaled(width, height);
-  ColorOptions colors;
-  colors.background_rgb = {222, 226, 232};
-  if (!mesh.HasColors()) colors.shading = ColorOptions::Shading::kHeadlight;
-  return {{"rendering", JpegDataUri(RenderColor(mesh, small, cam_from_world, colors, 1), width)},
+  const Image rendering = RenderColor(mesh, small, cam_from_world, PictureColors(mesh), 1);
+  return {{"rendering", JpegDataUri(rendering, width)},
           {"edges", PngDataUri(EdgesOf(RenderDepth(mesh, small, cam_from_world, 1)))}};
 }
 

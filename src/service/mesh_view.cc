@@ -46,10 +46,8 @@ std::string RenderView(const ViewRequest& view, const Scene& scene) {
   const auto surface = scene.Surface();
   if (!surface) throw Problem(404, "scene", "scene: has no mesh or cloud to be seen");
   constexpr int kQuality = 85;
-  ColorOptions colors;
+  ColorOptions colors = PictureColors(*surface);
   colors.samples_per_pixel_side = 2;
-  colors.background_rgb = {222, 226, 232};
-  if (!surface->HasColors()) colors.shading = ColorOptions::Shading::kHeadlight;
   return EncodeJpeg(RenderColor(*surface, Shrunk(view.camera), view.cam_from_world, colors, 1),
                     kQuality);
 }

@@ -23,7 +23,6 @@ struct ReportOptions {
   std::filesystem::path query_images;  // of the queries; empty: none
   size_t max_images = 40;              // that are shown as strips, evenly spread
   int thumbnail_width_px = 220;
-  int threads = 0;
 };
 
 // Collects the pictures of a comparison while it runs.

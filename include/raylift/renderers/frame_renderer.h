@@ -104,6 +104,12 @@ class FrameRenderer {
   std::unique_ptr<Impl> impl_;
 };
 
+// The background of pictures that people look at.
+inline constexpr std::array<uint8_t, 3> kPictureBackground = {222, 226, 232};
+
+// Returns how a surface is shown to people: by a headlight where it has no color of its own.
+ColorOptions PictureColors(const RayCaster& caster);
+
 // Short forms for one picture at a time.
 
 // z-depth at every pixel center. Same bytes for any number of threads.

@@ -119,10 +119,8 @@ Image DrawQueryPicture(const QueryResult& result, const Image& photograph, const
   const PoseEstimate& estimate = result.localized.estimate;
   RAYLIFT_CHECK(estimate.cam_from_world.has_value());
   const Camera& camera = problem.query_camera;
-  ColorOptions colors;
+  ColorOptions colors = PictureColors(mesh);
   colors.samples_per_pixel_side = 2;
-  colors.background_rgb = {222, 226, 232};
-  if (!mesh.HasColors()) colors.shading = ColorOptions::Shading::kHeadlight;
   Image rendered = RenderColor(mesh, camera, *estimate.cam_from_world, colors, threads);
 
   const int width = camera.width_px();
