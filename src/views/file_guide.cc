@@ -14,9 +14,9 @@ constexpr std::string_view kFrame =
     "the pattern made of it. Rows from the top, the first pixel's center at (0.5, 0.5) as in\n"
     "COLMAP. Units are those of mesh and poses. manifest.jsonl lists the files, summary.json has\n"
     "counts, options and warnings. numpy reads NPY and NPZ; OpenCV reads TIFF, PNG, PFM (with\n"
-    "IMREAD_UNCHANGED) and JPEG. EXR is read by the Python package OpenEXR, and by an OpenCV that\n"
-    "was built with it (Debian's; PyPI's OpenCV 5 is not): OPENCV_IO_ENABLE_OPENEXR=1, set "
-    "before.\n";
+    "IMREAD_UNCHANGED) and JPEG; imageio TIFF, PNG and JPEG; Open3D PNG, JPEG and PLY. EXR is\n"
+    "read by the Python package OpenEXR, and by an OpenCV that was built with it (Debian's;\n"
+    "PyPI's OpenCV 5 is not): OPENCV_IO_ENABLE_OPENEXR=1, set before.\n";
 
 std::string_view MeaningOf(Product product) {
   switch (product) {
