@@ -31,22 +31,6 @@
 namespace raylift {
 namespace {
 
-void WritePly(const std::filesystem::path& path, const TriangleMesh& mesh) {
-  std::ofstream file(path, std::ios::binary);
-  file << fmt::format(
-      "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float "
-      "y\nproperty float z\nelement face {}\nproperty list uchar int vertex_indices\nend_header\n",
-      mesh.vertices.size(), mesh.triangles.size());
-  file.write(reinterpret_cast<const char*>(mesh.vertices.data()),
-             static_cast<std::streamsize>(12 * mesh.vertices.size()));
-  std::string faces;
-  for (const auto& triangle : mesh.triangles) {
-    faces += '\3';
-    faces.append(reinterpret_cast<const char*>(triangle.data()), 12);
-  }
-  file.write(faces.data(), static_cast<std::streamsize>(faces.size()));
-}
-
 // The numbers of the header that WritePly wrote.
 size_t CountOf(std::string_view contents, std::string_view element) {
   return std::strtoull(contents.data() + contents.find(element) + element.size(), nullptr, 10);
