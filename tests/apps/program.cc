@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <regex>
 #include <sstream>
 
 #include "support/matchers.h"
@@ -23,7 +24,10 @@ Arguments operator+(Arguments a, const Arguments& b) {
 }
 
 CommandResult RunRaylift(const Arguments& arguments) {
-  return RunProcess(Arguments{RAYLIFT_PROGRAM} + arguments);
+  static const std::regex progress("[0-9]+ / [0-9]+ [^\n]* left\n");
+  CommandResult result = RunProcess(Arguments{RAYLIFT_PROGRAM} + arguments);
+  result.err = std::regex_replace(result.err, progress, "");
+  return result;
 }
 
 pid_t StartRaylift(const Arguments& arguments) {

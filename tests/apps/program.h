@@ -19,6 +19,7 @@ namespace raylift {
 using Arguments = std::vector<std::string>;
 Arguments operator+(Arguments a, const Arguments& b);
 
+// Leaves out the progress of which a run that takes minutes has lines on stderr.
 CommandResult RunRaylift(const Arguments& arguments);
 
 // Starts the program and does not wait for it; its output is lost.
