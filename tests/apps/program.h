@@ -19,7 +19,7 @@ namespace raylift {
 using Arguments = std::vector<std::string>;
 Arguments operator+(Arguments a, const Arguments& b);
 
-// Leaves out the progress of which a run that takes minutes has lines on stderr.
+// Leaves out the lines of progress that a run of more than a minute writes to stderr.
 CommandResult RunRaylift(const Arguments& arguments);
 
 // Starts the program and does not wait for it; its output is lost.

@@ -14,7 +14,7 @@ os.environ["OPENCV_IO_ENABLE_OPENEXR"] = "1"  # before cv2 is imported
 
 DEMO = Path(os.environ["RAYLIFT_SOURCE"]) / "assets/demo"
 PNG_STEP = 0.001
-PRODUCTS = {"npy": "depth,incidence,points,normals,triangle,color", "npz": "depth,normals,triangle",
+PRODUCTS = {"npy": "depth,incidence,points,normals,triangle", "npz": "depth,normals,triangle",
             "exr": "depth,normals,triangle", "png": "depth,normals,triangle,color", "tiff": "depth,incidence",
             "pfm": "depth", "ply": "points"}
 Files = dict[str, Path]
@@ -26,7 +26,7 @@ def rendered(tmp_path_factory: pytest.TempPathFactory) -> Files:
     folders = {}
     for ending, products in PRODUCTS.items():
         folders[ending] = tmp_path_factory.mktemp(ending)
-        formats = [f"--format={product}={ending}" for product in products.split(",") if product != "color"]
+        formats = [f"--format={product}={ending}" for product in products.split(",")]
         subprocess.run([os.environ["RAYLIFT"], "render", "--model", DEMO / "model", "--geometry",
                         f"mesh:{DEMO / 'scene.obj'}", "--products", products, *formats, "--exr-compression", "zip",
                         "--scale", "0.25", "--every", "24", "--quiet", "--out", folders[ending]], check=True)
@@ -34,8 +34,7 @@ def rendered(tmp_path_factory: pytest.TempPathFactory) -> Files:
 
 
 def file_of(rendered: Files, product: str, ending: str) -> Path:
-    return next((rendered["npy" if product == "color" else ending] / product).rglob(
-        f"*.{'png' if product == 'color' else ending}"))
+    return next((rendered[ending] / product).rglob(f"*.{ending}"))
 
 
 def array(rendered: Files, product: str) -> NDArray[Any]:
