@@ -50,12 +50,23 @@ struct GeoTiffTags {
   std::vector<uint16_t> keys;          // GeoKeyDirectoryTag
   std::string no_data;                 // GDAL's GDAL_NODATA
 };
+// What a file claims of its samples; 1: unsigned, 2: signed, 3: float.
+struct TiffForm {
+  uint32_t width_px = 0, height_px = 0;
+  uint16_t bits = 0, channels = 0;
+  std::optional<uint16_t> format;
+  bool is_compressed = false;
+
+  // That of the only channel; nullopt where there are several or another one.
+  std::optional<TiffSample> Sample() const;
+};
 struct TiffHeader {
   PlaneSize size;
-  std::optional<TiffSample> sample;  // of the only channel; nullopt where there are several
+  std::optional<TiffSample> sample;
   GeoTiffTags place;
 };
-// std::runtime_error where the file is damaged.
+// std::runtime_error where the file is damaged; the header's size is one of pictures, too.
+TiffForm ReadTiffForm(std::string_view bytes);
 TiffHeader ReadTiffHeader(std::string_view bytes);
 
 // 32-bit floats without compression.

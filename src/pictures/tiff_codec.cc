@@ -21,6 +21,7 @@ struct Memory {
   std::string written = {};
   bool is_written = false;
   uint64_t at = 0;
+  bool is_short = false;  // it was read beyond its end
 
   uint64_t Size() const { return is_written ? written.size() : given.size(); }
 };
@@ -32,6 +33,7 @@ tmsize_t Read(thandle_t handle, void* data, tmsize_t size) {
       memory.at < bytes.size() ? bytes.substr(memory.at, static_cast<size_t>(size)) : "";
   std::memcpy(data, taken.data(), taken.size());
   memory.at += taken.size();
+  memory.is_short |= taken.size() < static_cast<size_t>(size);
   return static_cast<tmsize_t>(taken.size());
 }
 
@@ -144,24 +146,16 @@ void RequireForm(TIFF* tiff, PlaneSize size, TiffSample sample) {
   }
 }
 
-std::optional<TiffSample> SampleOf(TIFF* tiff) {
-  struct Form {
-    uint16_t bits, format;
-  };
-  // In the order of the enum.
-  constexpr std::array<Form, 6> kForms = {{{8, SAMPLEFORMAT_UINT},
-                                           {16, SAMPLEFORMAT_UINT},
-                                           {16, SAMPLEFORMAT_INT},
-                                           {32, SAMPLEFORMAT_INT},
-                                           {32, SAMPLEFORMAT_IEEEFP},
-                                           {64, SAMPLEFORMAT_IEEEFP}}};
-  if (Field<uint16_t>(tiff, TIFFTAG_SAMPLESPERPIXEL) != 1) return std::nullopt;
-  const auto bits = Field<uint16_t>(tiff, TIFFTAG_BITSPERSAMPLE);
-  const auto format = Field<uint16_t>(tiff, TIFFTAG_SAMPLEFORMAT);
-  for (size_t i = 0; i < kForms.size(); ++i) {
-    if (kForms[i].bits == bits && kForms[i].format == format) return static_cast<TiffSample>(i);
-  }
-  return std::nullopt;
+TiffForm FormOf(TIFF* tiff) {
+  TiffForm form{.width_px = Field<uint32_t>(tiff, TIFFTAG_IMAGEWIDTH),
+                .height_px = Field<uint32_t>(tiff, TIFFTAG_IMAGELENGTH),
+                .bits = Field<uint16_t>(tiff, TIFFTAG_BITSPERSAMPLE),
+                .channels = Field<uint16_t>(tiff, TIFFTAG_SAMPLESPERPIXEL),
+                .format = std::nullopt,
+                .is_compressed = Field<uint16_t>(tiff, TIFFTAG_COMPRESSION) != COMPRESSION_NONE};
+  uint16_t format = 0;
+  if (TIFFGetField(tiff, TIFFTAG_SAMPLEFORMAT, &format) != 0) form.format = format;
+  return form;
 }
 
 // Returns the values of a tag that libtiff does not know, or that another library has told it of;
@@ -186,14 +180,36 @@ std::vector<T> ValuesOf(TIFF* tiff, uint32_t tag, TIFFDataType type) {
 
 }  // namespace
 
+std::optional<TiffSample> TiffForm::Sample() const {
+  // In the order of the enum.
+  constexpr std::array<std::pair<uint16_t, uint16_t>, 6> kForms = {{{8, SAMPLEFORMAT_UINT},
+                                                                    {16, SAMPLEFORMAT_UINT},
+                                                                    {16, SAMPLEFORMAT_INT},
+                                                                    {32, SAMPLEFORMAT_INT},
+                                                                    {32, SAMPLEFORMAT_IEEEFP},
+                                                                    {64, SAMPLEFORMAT_IEEEFP}}};
+  const std::pair own(bits, format.value_or(SAMPLEFORMAT_UINT));
+  const auto* const known = std::ranges::find(kForms, own);
+  if (channels != 1 || known == kForms.end()) return std::nullopt;
+  return static_cast<TiffSample>(known - kForms.begin());
+}
+
+TiffForm ReadTiffForm(std::string_view bytes) {
+  Memory memory{.given = bytes};
+  const TiffPointer tiff = Open(memory, "rm");
+  // The place of the next directory ends this one; files are often cut short there.
+  if (memory.is_short) Fail();
+  return FormOf(tiff.get());
+}
+
 TiffHeader ReadTiffHeader(std::string_view bytes) {
   Memory memory{.given = bytes};
   const TiffPointer tiff = Open(memory, "rm");
-  const auto width = Field<uint32_t>(tiff.get(), TIFFTAG_IMAGEWIDTH);
-  const auto height = Field<uint32_t>(tiff.get(), TIFFTAG_IMAGELENGTH);
-  if (width == 0 || height == 0 || width > kMaxImageSidePx || height > kMaxImageSidePx) Fail();
-  TiffHeader header{.size = {static_cast<int>(width), static_cast<int>(height)},
-                    .sample = SampleOf(tiff.get()),
+  const TiffForm form = FormOf(tiff.get());
+  const auto is_side = [](uint32_t side) { return side > 0 && side <= kMaxImageSidePx; };
+  if (!is_side(form.width_px) || !is_side(form.height_px)) Fail();
+  TiffHeader header{.size = {static_cast<int>(form.width_px), static_cast<int>(form.height_px)},
+                    .sample = form.Sample(),
                     .place = {}};
   header.place.pixel_scale = ValuesOf<double>(tiff.get(), 33550, TIFF_DOUBLE);
   header.place.tie_points = ValuesOf<double>(tiff.get(), 33922, TIFF_DOUBLE);
