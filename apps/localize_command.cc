@@ -67,6 +67,15 @@ std::string LocalizeHeader(const LocalizeFlags& flags, const std::string& option
                               scene, queries));
 }
 
+// Returns the options of results, with the system of the world where the geometry's files alone name
+// it, for those who read the results.
+std::string OptionsWithWorld(const std::string& options_json,
+                             const std::optional<WorldFrame>& world) {
+  auto options = nlohmann::ordered_json::parse(options_json);
+  if (world) options["crs"] = world->text;
+  return OptionsOfResults(options.dump());
+}
+
 // Also writes queries.jsonl, whose lines say which queries joined the references.
 ContinuousRecords LocalizeInOrder(const LocalizeFlags& flags, LocalizeAll& localizer,
                                   LocalizeOutput& output, const std::string& options_json) {
@@ -100,6 +109,7 @@ struct ContinuousInputs {
   const LocalizeAllOptions& options;
   const std::vector<std::string>& warnings;  // of the scene
   const std::string& options_json;
+  const std::string& options_of_results;
   LapClock clock;
   RunTimes times;  // as far as they are known
 };
@@ -141,7 +151,7 @@ void LocalizeContinuously(const LocalizeFlags& flags, const ContinuousInputs& in
                 .warnings = warnings});
   WriteTiming(flags.out / "timing.jsonl", localized, times);
   output.Finish(localized, {scene, inputs.queries, warnings, times, joined},
-                OptionsOfResults(inputs.options_json));
+                inputs.options_of_results);
 }
 
 // The walk of --odometry is read before the work and smoothed after it.
@@ -204,6 +214,7 @@ class LocalizeRun {
       LocalizeInputs inputs = OpenLocalizeInputs(flags_);
       scene_ = std::move(inputs.scene);
       queries_ = std::move(inputs.queries);
+      options_of_results_ = OptionsWithWorld(options_json_, inputs.world);
       if (flags_.walk.enabled()) walk_ = OpenWalk(flags_, queries_);
     });
     times_.reading = clock_.Lap();
@@ -218,8 +229,10 @@ class LocalizeRun {
 
   void Run() {
     if (flags_.continuous.enabled) {
-      LocalizeContinuously(
-          flags_, {scene_, queries_, options_, warnings_, options_json_, clock_, times_}, *output_);
+      LocalizeContinuously(flags_,
+                           {scene_, queries_, options_, warnings_, options_json_,
+                            options_of_results_, clock_, times_},
+                           *output_);
     } else {
       RunAsJob();
     }
@@ -241,7 +254,7 @@ class LocalizeRun {
         times_.learning = clock_.Lap();
       });
       job.Begin(facts);
-      WriteFile(flags_.out / "options.json", OptionsOfResults(options_json_));
+      WriteFile(flags_.out / "options.json", options_of_results_);
       Localize(*localizer, missing, job);
       times_.queries = clock_.Lap();
       times_.writing = output_->ShowSeconds();
@@ -319,7 +332,7 @@ class LocalizeRun {
                      .warnings = warnings,
                      .times = times_,
                      .walked = walked ? &*walked : nullptr},
-                    OptionsOfResults(options_json_));
+                    options_of_results_);
     job.Finish(results.paths());
     if (walked && !flags_.run.quiet) PrintWalk(*walked);
   }
@@ -334,6 +347,7 @@ class LocalizeRun {
   const LocalizeFlags& flags_;
   LocalizeAllOptions options_;
   const std::string& options_json_;
+  std::string options_of_results_;
   std::vector<Query> queries_;
   std::optional<Walk> walk_;
   Scene scene_;

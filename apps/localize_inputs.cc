@@ -14,6 +14,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/geometry/geodesy.h"
 #include "raylift/io/pose_priors.h"
 #include "raylift/io/query_list.h"
 #include "raylift/localization/match_source.h"
@@ -60,6 +61,24 @@ Scene RenderSceneWithProgress(const std::string& mesh_spec, const Subsampling& s
       .on_start = [&](size_t images, size_t) { progress.emplace("views", images, show); },
       .on_image = [&](const RenderedImage&) { progress->Advance(); }};
   return OpenMeshScene(mesh_spec, subsampling, options, hooks);
+}
+
+// Says how far apart a point of the world is in both systems, where that is more than what they
+// may differ by for one place.
+std::optional<std::string> WarnOfPlace(const WorldFrame& given, const WorldFrame& named,
+                                       const Eigen::Vector3d& point) {
+  constexpr double kSamePlace = 1;
+  const std::string what =
+      fmt::format("--crs says {}, but the geometry's files {}", given.text, named.text);
+  try {
+    const CrsTransform transform(named.crs, given.crs);
+    const Eigen::Vector3d between = transform(named.origin + point) - (given.origin + point);
+    const double apart = between.head<2>().norm();
+    if (apart <= kSamePlace) return std::nullopt;
+    return fmt::format("{}: that is {:.3g} m away", what, apart);
+  } catch (const InputError& error) {
+    return fmt::format("{}: {}", what, error.what());
+  }
 }
 
 // A mesh that needs no references.
@@ -121,6 +140,17 @@ Scene OpenSceneOf(const LocalizeFlags& flags, std::span<const Query> queries) {
   return scene;
 }
 
+std::optional<WorldFrame> WorldOf(const std::optional<WorldFrame>& given, Scene& scene) {
+  const auto mesh = scene.MeshOnEarth();
+  if (mesh == nullptr) return given;
+  const WorldFrame of_files = WorldFrame::Parse(mesh->mesh().crs);
+  if (!given) return of_files;
+  if (auto warning = WarnOfPlace(*given, of_files, mesh->mesh().origin_in_world)) {
+    scene.warnings.push_back(std::move(*warning));
+  }
+  return given;
+}
+
 Scene WithKnownCalibration(const LocalizeFlags& flags, Scene scene) {
   if (flags.scene_calibration.empty()) return scene;
   const auto calibration = ReadSceneCalibration(flags.scene_calibration);
@@ -146,12 +176,23 @@ LocalizeInputs OpenLocalizeInputs(const LocalizeFlags& flags) {
   inputs.scene = OpenSceneOf(flags, inputs.queries);
   if (flags.leave_one_out) inputs.queries = QueriesOf(inputs.scene.references);
   inputs.scene = WithKnownCalibration(flags, std::move(inputs.scene));
+  inputs.world = WorldOf(flags.world, inputs.scene);
+  if (flags.PriorsOfPhotographs() && !inputs.world) {
+    throw OptionError(
+        "--priors", "exif",
+        "needs --crs, what the world's coordinates are: the geometry does not say it");
+  }
   if (!flags.priors.empty()) {
     const std::vector<std::string> warnings =
         flags.PriorsOfPhotographs()
-            ? TakePhotographPriors(flags.QueryImages(), *flags.world, inputs.queries)
-            : TakePosePriors(flags.priors, inputs.queries, flags.world);
+            ? TakePhotographPriors(flags.QueryImages(), *inputs.world, inputs.queries)
+            : TakePosePriors(flags.priors, inputs.queries, inputs.world);
     inputs.scene.warnings.insert(inputs.scene.warnings.end(), warnings.begin(), warnings.end());
+  }
+  const auto has_range = [](const Query& query) { return query.priors.range.has_value(); };
+  if (std::ranges::any_of(inputs.queries, has_range) && inputs.scene.Surface() == nullptr) {
+    inputs.scene.warnings.emplace_back(
+        "--priors: ranges say nothing, as no --geometry is a mesh, surface model, cloud or splats");
   }
   if (!flags.rigs.empty()) TakeRigs(flags.rigs, inputs.queries);
   if (auto warning = WarnOfAssumedLenses(inputs.queries)) {

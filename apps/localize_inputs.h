@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -21,12 +22,16 @@ namespace raylift {
 struct LocalizeInputs {
   Scene scene;
   std::vector<Query> queries;
+  std::optional<WorldFrame> world;
 };
 LocalizeInputs OpenLocalizeInputs(const LocalizeFlags& flags);
 
 // Returns the references and the geometry alone; `queries` say what cameras references are rendered
 // for.
 Scene OpenSceneOf(const LocalizeFlags& flags, std::span<const Query> queries);
+// Returns what the world's coordinates are: what is given, else what the geometry's files name;
+// nullopt where neither is known. Where the two lie apart, the scene's warnings say so.
+std::optional<WorldFrame> WorldOf(const std::optional<WorldFrame>& given, Scene& scene);
 // Returns the scene with the calibration of --scene-calibration, where that is given.
 Scene WithKnownCalibration(const LocalizeFlags& flags, Scene scene);
 

@@ -97,6 +97,7 @@ ServedScene Open(const ServeFlags& serve, const std::filesystem::path& file) {
   const SceneFile described = ReadSceneFile(file);
   const LocalizeFlags flags = FlagsOf(serve, file, described);
   Scene scene = WithKnownCalibration(flags, OpenSceneOf(flags, {}));
+  const std::optional<WorldFrame> world = WorldOf(WorldOf(serve, file, described), scene);
   PrintWarnings(scene.warnings);
   const std::shared_ptr<const MatchSource> matches =
       OpenMatchesOf(flags, scene, {}, flags.estimator.seed);
@@ -107,7 +108,7 @@ ServedScene Open(const ServeFlags& serve, const std::filesystem::path& file) {
   return {.name = NameOf(described, file),
           .localizer = std::make_shared<const Localizer>(
               std::make_shared<const Scene>(std::move(scene)), matches, options),
-          .world = WorldOf(serve, file, described)};
+          .world = world};
 }
 
 // As many files as the machine allows: each connection is one.

@@ -12,6 +12,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/text.h"
+#include "raylift/geometry/geodesy.h"
 
 namespace raylift {
 namespace {
@@ -167,8 +168,21 @@ std::string KeysOf(const MeshPlacement& placement) {
   return fmt::format("{}", fmt::join(keys, ","));
 }
 
+namespace {
+
+// Returns the system of coordinates that were placed so; empty where it has no name.
+std::string Placed(const std::string& crs, const MeshPlacement& placement) {
+  if (crs.empty() || placement.scale != 1 || !placement.axes.isIdentity(0)) return {};
+  const WorldFrame frame = WorldFrame::Parse(crs);
+  const Eigen::Vector3d origin = frame.origin - placement.shift;
+  return fmt::format("{}@{},{},{}", frame.crs.definition(), origin.x(), origin.y(), origin.z());
+}
+
+}  // namespace
+
 TriangleMesh Placed(TriangleMesh mesh, const MeshPlacement& placement) {
   if (placement.IsIdentity()) return mesh;
+  mesh.crs = Placed(mesh.crs, placement);
   mesh.origin_in_world = placement * mesh.origin_in_world;
   const Eigen::Matrix3d linear = placement.scale * placement.axes;
   for (Eigen::Vector3f& vertex : mesh.vertices) {

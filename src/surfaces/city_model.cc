@@ -151,6 +151,7 @@ void CityMesh::CheckPlace(const std::string& field, const std::string& system) {
         path_, field,
         fmt::format("coordinates in degrees ({}): expected a projected system", crs->definition()));
   }
+  mesh_.crs = crs->definition();
   if (mesh_.positions.empty() || !IsUsablePosition(mesh_.positions.front())) return;
   const Eigen::Vector3d& p = mesh_.positions.front();
   try {

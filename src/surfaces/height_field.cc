@@ -35,6 +35,7 @@ constexpr uint16_t kModelType = 1024, kGeographic = 2, kGeocentric = 3;
 constexpr uint16_t kRasterType = 1025, kPixelIsPoint = 2;
 constexpr uint16_t kProjectedSystem = 3072, kUserDefined = 32767;
 constexpr uint16_t kProjectedUnit = 3076, kVerticalUnit = 4099, kMeters = 9001;
+constexpr uint16_t kVerticalSystem = 4096;
 
 std::optional<uint16_t> KeyOf(const GeoTiffTags& tags, uint16_t key) {
   constexpr size_t kEntry = 4;  // key, where its value is (0: here), count, value; a header as long
@@ -144,6 +145,28 @@ void RequireSameSystem(const OpenedTiff& a, const OpenedTiff& b) {
   if (!of_a || !of_b || of_a == kUserDefined || of_b == kUserDefined || *of_a == *of_b) return;
   throw InputError(
       b.file, fmt::format("is in EPSG:{}, but {} is in EPSG:{}", *of_b, a.file.string(), *of_a));
+}
+
+// Returns the system that the file names, with that of its heights where it names one that PROJ
+// knows; empty where it names none.
+std::string SystemOf(const OpenedTiff& tiff, std::vector<std::string>& warnings) {
+  const auto code_of = [&tiff](uint16_t key) {
+    const auto code = KeyOf(tiff.header.place, key);
+    return code == kUserDefined ? std::nullopt : code;
+  };
+  const auto map = code_of(kProjectedSystem), heights = code_of(kVerticalSystem);
+  if (!map) return {};
+  try {
+    const std::string of_map = Crs(fmt::format("EPSG:{}", *map)).definition();
+    try {
+      return heights ? Crs(fmt::format("{}+{}", of_map, *heights)).definition() : of_map;
+    } catch (const InputError&) {
+      return of_map;
+    }
+  } catch (const InputError& error) {
+    warnings.push_back(fmt::format("{}: {}", tiff.file.string(), error.what()));
+    return {};
+  }
 }
 
 // Files whose pixels lie on one grid.
@@ -388,6 +411,7 @@ TriangleMesh ReadHeightField(const std::string& files,
     RequireSameSystem(model.parts.front(), ortho.parts.front());
     AddOrthophoto(ortho, mesh);
   }
+  mesh.crs = SystemOf(model.parts.front(), mesh.warnings);
   return FinishMesh(file, std::move(mesh));
 }
 

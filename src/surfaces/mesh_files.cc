@@ -1,5 +1,6 @@
 #include "raylift/surfaces/mesh_files.h"
 
+#include <algorithm>
 #include <bit>
 #include <iterator>
 #include <limits>
@@ -218,6 +219,8 @@ TriangleMesh MergeMeshes(std::vector<TriangleMesh> meshes) {
     attributes.faces |= !mesh.triangle_faces.empty();
     attributes.labels |= !mesh.labels.empty();
   }
+  const auto is_of_one = [&](const TriangleMesh& mesh) { return mesh.crs == meshes.front().crs; };
+  if (!meshes.empty() && std::ranges::all_of(meshes, is_of_one)) merged.crs = meshes.front().crs;
   merged.vertices.reserve(num_vertices + 1);  // the ray caster wants room for one more
   merged.triangles.reserve(num_triangles);
   for (TriangleMesh& mesh : meshes) {

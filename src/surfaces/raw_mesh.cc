@@ -294,6 +294,7 @@ std::optional<TriangleMesh> FinishMeshIfAny(const std::filesystem::path& path, R
   };
   const size_t without_area = RemoveTriangles(
       raw, [&](const auto& t) { return TriangleHasNoArea(local(t[0]), local(t[1]), local(t[2])); });
+  mesh.crs = std::move(raw.crs);
   mesh.warnings = std::move(raw.warnings);
   if (not_finite > 0) {
     mesh.warnings.push_back(fmt::format("{}: {} of {} triangles removed: a vertex is not finite",

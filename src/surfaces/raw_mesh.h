@@ -52,6 +52,7 @@ struct RawMesh {
   std::vector<std::string> parts;  // names of nodes, groups or objects
   std::vector<Material> materials;
   std::vector<Image> textures;
+  std::string crs;  // as TriangleMesh has it
   std::vector<std::string> warnings;
 };
 

@@ -190,6 +190,7 @@ TriangleMesh ReadTileset(const path& file, const MeshReadOptions& options) {
   }
   TriangleMesh mesh =
       meshes.size() == 1 ? std::move(meshes.front()) : MergeMeshes(std::move(meshes));
+  if (options.tiles.world) mesh.crs = options.tiles.world->text;
   Shorten(mesh.warnings);
   if (!left_out.empty()) mesh.warnings.push_back(fmt::format("{}: {}", file.string(), left_out));
   mesh.warnings.insert(mesh.warnings.begin(), frame.notes().begin(), frame.notes().end());

@@ -58,6 +58,38 @@ TEST(Localize, WhatIsKnownOfAQueryIsPartOfItsProblem) {
       FailsWith(3, {priors.string(), "knows none of the 2 queries"}, RunRaylift(with_priors)));
 }
 
+// A city model says what its coordinates are; a place in other ones is led there.
+TEST(Localize, TheGeometrysFilesMaySayWhatTheCoordinatesAre) {
+  const RoomScene scene = WriteRoomScene(TestFolder());
+  const fs::path city = scene.folder / "a.city.json", priors = scene.folder / "priors.txt",
+                 problems = scene.folder / "problems", out = scene.folder / "out";
+  WriteFile(city, R"({"type":"CityJSON","version":"2.0","transform":{"scale":[1,1,1],)"
+                  R"("translate":[500000,5900000,0]},"metadata":{"referenceSystem":)"
+                  R"("https://www.opengis.net/def/crs/EPSG/0/25832"},"CityObjects":{"a":{"type":)"
+                  R"("Building","geometry":[{"type":"MultiSurface","lod":"2.2","boundaries":)"
+                  R"([[[0,1,2]]]}]}},"vertices":[[0,0,1],[9,0,1],[9,9,1]]})");
+  // The central meridian of zone 32 has the easting 500000.
+  WriteFile(priors, scene.queries[0].name + " position 9 53.2 12 1 crs=EPSG:4258\n");
+  const Arguments command =
+      LocalizeWithHloc(scene, out) +
+      Arguments{"--geometry", "mesh:" + city.string(), "--priors", priors, "--no-doctor"} +
+      Arguments{"--write-problems", problems, "--overwrite"};
+  ASSERT_TRUE(Succeeds(RunRaylift(command)));
+  EXPECT_NE(ReadFile(out / "options.json").find("\"crs\": \"EPSG:25832\""), std::string::npos);
+  for (const fs::path& file : ListPoseProblems(problems)) {
+    const PoseProblem problem = ReadPoseProblem(file).problem;
+    if (problem.name != scene.queries[0].name) continue;
+    EXPECT_NEAR(problem.priors.position.value().position.x(), 500000, 1e-3);
+  }
+  const CommandResult elsewhere = RunRaylift(command + Arguments{"--crs", "EPSG:25833"});
+  EXPECT_EQ(elsewhere.exit_code, 0);
+  EXPECT_NE(elsewhere.err.find("--crs says EPSG:25833, but the geometry's files EPSG:25832: that "
+                               "is 4.01e+05 m away"),
+            std::string::npos)
+      << elsewhere.err;
+  EXPECT_TRUE(Succeeds(RunRaylift(command + Arguments{"--crs", "EPSG:32632"})));  // the same place
+}
+
 TEST(Localize, AlignmentByEdgesNeedsAPoseOfEachQuery) {
   const RoomScene scene = WriteRoomScene(TestFolder(), {.pictures = true});
   const fs::path priors = scene.folder / "priors.txt";

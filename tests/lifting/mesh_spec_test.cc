@@ -9,6 +9,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/surfaces/mesh_files.h"
 
 namespace raylift {
 namespace {
@@ -105,6 +106,15 @@ TEST(ParseMeshSpec, RefusesPlacesThatAreNone) {
         "matrix=1/0/0/0/0/1/0/0/0/0/1/0,scale=2"}) {
     EXPECT_NE(OptionErrorOf("mesh:a.ply," + keys, MeshUse::kLift), "no OptionError") << keys;
   }
+}
+
+TEST(MeshPlacement, AShiftIsTakenOffTheOriginOfTheSystem) {
+  TriangleMesh mesh = MakeMesh({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {{0, 1, 2}});
+  mesh.crs = "EPSG:25832";
+  const MeshPlacement shift{.shift = {-500000, -5900000, 0.5}};
+  EXPECT_EQ(Placed(mesh, shift).crs, "EPSG:25832@500000,5900000,-0.5");
+  EXPECT_EQ(Placed(Placed(mesh, shift), shift).crs, "EPSG:25832@1000000,11800000,-1");
+  EXPECT_EQ(Placed(mesh, {.scale = 0.001}).crs, "") << "of no known system";
 }
 
 // What an eye sees of splats does not depend on the frame that both are in.

@@ -68,6 +68,8 @@ TEST(CityModels, JsonAndGmlShowTheSameWithinAMillimeterAtSixMillionMeters) {
   EXPECT_EQ(json.warnings, std::vector<std::string>());
   EXPECT_EQ(gml.warnings, std::vector<std::string>());
   EXPECT_EQ(json.triangles.size(), gml.triangles.size());
+  EXPECT_EQ(json.crs, demo::kTownCrs);
+  EXPECT_EQ(gml.crs, demo::kTownCrs);
   Rng rng = TestRng();
   std::vector<Ray> rays;
   for (int i = 0; i < 20000; ++i) {

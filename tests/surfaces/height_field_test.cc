@@ -157,11 +157,26 @@ TEST_F(HeightField, VerticesAreTheCentersOfCells) {
           {x, y - 0.5, 11}, {x, y, 10}, {x + 0.5, y - 0.5, 21}, {x + 0.5, y, 20}, {x + 1, y, 30}}));
   EXPECT_EQ(mesh.triangles.size(), 3u);
   EXPECT_TRUE(mesh.warnings.empty());
+  EXPECT_EQ(mesh.crs, "EPSG:32632");
   for (const auto& t : mesh.triangles) {  // seen from above, counterclockwise
     const Eigen::Vector3f normal = (mesh.vertices[t[1]] - mesh.vertices[t[0]])
                                        .cross(mesh.vertices[t[2]] - mesh.vertices[t[0]]);
     EXPECT_GT(normal.z(), 0);
   }
+}
+
+TEST_F(HeightField, NamesItsSystemAsFarAsItIsKnown) {
+  TiffWriter tiff = SmallField();
+  tiff.Shorts(34735,
+              {1, 1, 0, 4, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, 25832, 4096, 0, 1, 7837});
+  EXPECT_EQ(Read(tiff).crs, "EPSG:25832+7837");
+  tiff.Keys(1, 1, 32767);
+  EXPECT_EQ(Read(tiff).crs, "") << "of the user's own";
+  tiff.Keys(1, 1, 1);
+  const TriangleMesh unknown = Read(tiff);
+  EXPECT_EQ(unknown.crs, "");
+  ASSERT_EQ(unknown.warnings.size(), 1u);
+  EXPECT_NE(unknown.warnings[0].find("EPSG:1"), std::string::npos) << unknown.warnings[0];
 }
 
 TEST_F(HeightField, PixelIsPointIsHalfACellElsewhere) {

@@ -53,6 +53,9 @@ struct TriangleMesh {
   std::vector<SurfaceLabel> labels;
   uint32_t num_instances = 0;  // theirs are below it
 
+  // The system of its coordinates, where its file names one, as WorldFrame::Parse() takes it.
+  std::string crs;
+
   // The reader's messages to the user: degenerate triangles removed, a texture missing, ...
   std::vector<std::string> warnings;
 
