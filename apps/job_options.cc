@@ -45,6 +45,10 @@ std::string PriorsText(const PosePriors& priors) {
     text += " orientation" + NumbersText(std::span(known->cam_from_world.coeffs().data(), 4)) +
             NumbersText(std::span(&known->sigma_deg, 1));
   }
+  if (const auto& known = priors.range) {
+    const double numbers[] = {known->range, known->sigma};
+    text += " range" + NumbersText(numbers);
+  }
   if (priors.focal_range != 1) text += " focal_range " + FormatDouble(priors.focal_range);
   if (priors.focal_sigma) text += " focal_sigma " + FormatDouble(*priors.focal_sigma);
   return text;

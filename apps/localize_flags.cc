@@ -143,9 +143,6 @@ void CheckQueries(const LocalizeFlags& flags) {
     if (flags.queries.empty()) {
       throw OptionError("--queries is required (or --leave-one-out)");
     }
-    if (flags.PriorsOfPhotographs() && !flags.world) {
-      throw OptionError("--priors", "exif", "needs --crs, what the world's coordinates are");
-    }
     if (flags.PriorsOfPhotographs() && flags.QueryImages().empty()) {
       throw OptionError("--priors", "exif", "needs --query-images or --images");
     }
@@ -272,6 +269,7 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags, const char* out
               "and an orientation), `name gravity x y z sigma_deg` (down in the camera's frame),\n"
               "`name heading deg sigma_deg` (clockwise from north),\n"
               "`name orientation qw qx qy qz sigma_deg` (world to camera),\n"
+              "`name range r sigma` (along the optical axis to the surface, by a laser),\n"
               "`name focal_range F` (the focal length, up to a factor),\n"
               "`name focal_sigma S` (its standard deviation as a share of it),\n"
               "`* world_down x y z` (default: 0 0 -1), `* world_north x y z` (0 1 0);\n"

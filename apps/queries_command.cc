@@ -139,7 +139,8 @@ Command AddQueriesCommand(CLI::App& program) {
   SetFooter(
       command,
       R"(Reads the GPS position with its error and the direction that phones write, the gimbal's
-angles and deviations by RTK that DJI's and Autel's drones write, and the focal length on film.
+angles, deviations by RTK, the laser's range and the lens's calibration that DJI's and Autel's
+drones write, and the focal length on film.
 Positions are of WGS 84 in the priors: longitude, latitude, and height above the sea
 (crs=EPSG:4326+5773), by RTK above the ellipsoid (EPSG:4979), or none (EPSG:4326); --crs says
 what the scene's own coordinates are, to which localize leads them. Where a photograph states
@@ -148,7 +149,7 @@ and 10 to 25 for headings. A height's is 20 m, as ellipsoid and sea level are ta
 other, together with twice that across (21 or 26 m in all), or 3000 m without an altitude. The
 lists are text to be changed by hand.
 Example:
-  raylift queries photos --crs EPSG:32632 --out queries.txt --priors priors.txt
+  raylift queries photos --out queries.txt --priors priors.txt
   raylift localize --geometry dsm:dsm.tif,ortho=ortho.tif --queries queries.txt \
       --query-images photos --priors priors.txt --out result)");
   return {&command, [flags] { UntilSignal([&] { Run(*flags); }, &BeginsAnew); }};

@@ -239,8 +239,10 @@ py::tuple StateOf(const Query& query) {
     const Eigen::Quaterniond& q = prior->cam_from_world;
     orientation = {{q.w(), q.x(), q.y(), q.z()}, prior->sigma_deg};
   }
+  std::optional<std::array<double, 2>> range;
+  if (const auto& prior = query.priors.range) range = {prior->range, prior->sigma};
   return py::make_tuple(query.name, query.camera, position, gravity, query.priors.focal_sigma,
-                        query.priors.focal_range, rig, heading, orientation);
+                        query.priors.focal_range, rig, heading, orientation, range);
 }
 
 bool EqualsQuery(const Query& query, const py::object& other) {
@@ -311,6 +313,9 @@ to this factor either way.)")
             if (const auto known = state[8].cast<std::optional<OrientationState>>()) {
               const auto& [q, sigma_deg] = *known;
               query.priors.orientation = {Eigen::Quaterniond(q[0], q[1], q[2], q[3]), sigma_deg};
+            }
+            if (const auto known = state[9].cast<std::optional<std::array<double, 2>>>()) {
+              query.priors.range = {.range = (*known)[0], .sigma = (*known)[1]};
             }
             return query;
           }))

@@ -226,7 +226,7 @@ ResultPointer LocalizeOne(SceneLocalizer& localizer, const py::object& query,
                                : WithoutLock([&] { return ReadImage(file, ImageChannels::kRgb); });
   const Query asked = AskedQuery(name, camera, priors, [&] {
     return QueryOfUnknownCamera(name, {photograph.width_px, photograph.height_px},
-                                file.empty() ? std::nullopt : ReadFocalLengthOnFilm(file));
+                                file.empty() ? LensTags() : ReadLensTags(file));
   });
   return LocalizePhotograph(localizer, asked, photograph);
 }

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <utility>
 
 #include "localization/retrieval/covisibility.h"
@@ -11,6 +12,7 @@
 #include "raylift/base/error.h"
 #include "raylift/base/parallel.h"
 #include "raylift/localization/scene_calibration.h"
+#include "raylift/renderers/ray_caster.h"
 
 namespace raylift {
 namespace {
@@ -46,6 +48,33 @@ std::vector<const GeometrySource*> PointersTo(
   pointers.reserve(geometry.size());
   for (const auto& source : geometry) pointers.push_back(source.get());
   return pointers;
+}
+
+// Returns the plane of the surface that a camera has in the middle of its view; nullopt where that is
+// the sky. The plane is through the surface there, and its normal the mean of some places about it, as
+// triangles of a surface model have the noise of its heights.
+std::optional<RangePrior::Plane> PlaneAhead(const RayCaster& surface,
+                                            const Rigid3& cam_from_world) {
+  constexpr double kAside = 0.01;
+  const Rigid3 world_from_cam = cam_from_world.Inverse();
+  std::vector<Ray> rays;
+  for (const double x : {0.0, -kAside, kAside}) {
+    for (const double y : {0.0, -kAside, kAside}) {
+      rays.push_back(
+          {world_from_cam.translation, world_from_cam.rotation * Eigen::Vector3d(x, y, 1)});
+    }
+  }
+  const auto hits = surface.Cast(rays);
+  const Ray& axis = rays.front();
+  if (!hits.front()) return std::nullopt;
+  RangePrior::Plane plane{axis.origin_in_world + hits.front()->ray_t * axis.direction_in_world,
+                          Eigen::Vector3d::Zero()};
+  for (const auto& hit : hits) {
+    if (!hit) continue;
+    const Eigen::Vector3d& normal = hit->normal_in_world;
+    plane.normal += std::copysign(1, normal.dot(axis.direction_in_world)) * normal.normalized();
+  }
+  return plane;
 }
 
 // The options with what the scene's calibration knows and they do not say.
@@ -225,10 +254,23 @@ void Localizer::Filter(QueryResult& result) const {
   counts.points = problem.matches_2d3d.size();
 }
 
+PoseEstimate Localizer::EstimateProblem(PoseProblem& problem) const {
+  constexpr int kLooks = 2;  // the second is from where the range has put the camera
+  PoseEstimate estimate = estimator_->Estimate(problem);
+  auto& range = problem.priors.range;
+  const std::shared_ptr<const RayCaster> surface = range ? scene_->Surface() : nullptr;
+  for (int i = 0; i < kLooks && surface != nullptr && estimate.cam_from_world; ++i) {
+    range->plane = PlaneAhead(*surface, *estimate.cam_from_world);
+    if (!range->plane) break;
+    estimate = estimator_->Estimate(problem);
+  }
+  return estimate;
+}
+
 void Localizer::Estimate(QueryResult& result) const {
   LocalizedQuery& localized = result.localized;
   const StageTimer timer(localized.times.estimate_ms);
-  localized.TakeEstimate(estimator_->Estimate(result.problem));
+  localized.TakeEstimate(EstimateProblem(result.problem));
   localized.reason = ReasonOf(localized, options_.min_confidence);
 }
 
@@ -242,7 +284,7 @@ void Localizer::EstimateRig(std::span<QueryResult> photographs,
   if (scene_->covisibility != nullptr) {
     joined.reference_clusters = scene_->covisibility->Clusters(joined.references);
   }
-  const PoseEstimate estimate = estimator_->Estimate(joined);
+  const PoseEstimate estimate = EstimateProblem(joined);
   for (size_t i = 0; i < photographs.size(); ++i) {
     LocalizedQuery& localized = photographs[i].localized;
     localized.rig = joined.name;

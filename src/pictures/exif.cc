@@ -148,12 +148,13 @@ std::optional<GpsTags> ReadGps(const Tiff& tiff, size_t directory) {
 
 Exif ReadExif(std::istream& file) {
   constexpr uint32_t kOrientation = 0x0112, kCameraDirectory = 0x8769, kGpsDirectory = 0x8825,
-                     kFocalLength = 0x920A, kFocalLengthIn35mm = 0xA405, kPlaneXResolution = 0xA20E,
-                     kPlaneUnit = 0xA210;
+                     kFocalLength = 0x920A, kFocalLengthIn35mm = 0xA405, kPixelWidth = 0xA002,
+                     kPlaneXResolution = 0xA20E, kPlaneUnit = 0xA210;
   const Segments segments = ReadSegments(file);
   const Tiff tiff(segments.exif);
   Exif exif{.is_jpeg = segments.is_jpeg};
   if (!segments.xmp.empty()) exif.drone = ParseDroneTags(segments.xmp);
+  if (exif.drone) exif.lens.calibration = exif.drone->calibration;
   const size_t first = tiff.Number(4, 4);
   const double orientation = tiff.Value(first, kOrientation).value_or(1);
   if (orientation >= 1 && orientation <= 8) exif.orientation = static_cast<int>(orientation);
@@ -164,7 +165,8 @@ Exif ReadExif(std::istream& file) {
   if (!directory) return exif;
   const auto camera = static_cast<size_t>(*directory);
   exif.focal_mm = tiff.Value(camera, kFocalLength);
-  exif.focal_35mm = tiff.Value(camera, kFocalLengthIn35mm);
+  exif.lens.film_mm = tiff.Value(camera, kFocalLengthIn35mm);
+  exif.lens.taken_width_px = tiff.Value(camera, kPixelWidth);
   if (const auto per_unit = tiff.Value(camera, kPlaneXResolution)) {
     exif.pixels_per_mm = *per_unit / MmOfUnit(tiff.Value(camera, kPlaneUnit).value_or(2));
   }

@@ -10,6 +10,8 @@
 
 #include <Eigen/Core>
 
+#include "raylift/scene/photographs.h"
+
 namespace raylift {
 
 // The numbers are as the file has them, in range or not.
@@ -31,6 +33,9 @@ struct DroneTags {
   std::optional<double> relative_altitude_m;  // above where it took off
   // Of positions by RTK: along east, north and up.
   std::optional<Eigen::Vector3d> rtk_sigma_m;
+  // By a laser, to what is in the middle of the picture.
+  std::optional<double> range_m;
+  std::optional<std::array<double, 9>> calibration;  // see LensTags
 };
 
 struct Exif {
@@ -38,8 +43,7 @@ struct Exif {
   // 1: as stored; 2 to 8: viewers flip and turn it, from 5 on so that the sides change places.
   int orientation = 1;
   std::optional<double> focal_mm = std::nullopt;
-  // The focal length on film of 36 mm x 24 mm with the same angle of view.
-  std::optional<double> focal_35mm = std::nullopt;
+  LensTags lens = {};
   std::optional<double> pixels_per_mm = std::nullopt;  // on the sensor, along x
   std::optional<GpsTags> gps = std::nullopt;
   std::optional<DroneTags> drone = std::nullopt;

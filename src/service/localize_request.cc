@@ -242,7 +242,7 @@ Query QueryOf(const QueryFacts& facts, PlaneSize size, const Exif& exif) {
     const auto why = WhyOtherSize(query.camera, query.name, size, exif.SwapsSides());
     if (why) throw InputError("camera: " + *why);
   } else {
-    query = QueryOfUnknownCamera(facts.name, size, exif.focal_35mm);
+    query = QueryOfUnknownCamera(facts.name, size, exif.lens);
   }
   if (facts.priors) {
     TakePosePriors(ParsePosePriors("priors", *facts.priors), "priors", {&query, 1});

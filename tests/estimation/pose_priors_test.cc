@@ -39,11 +39,20 @@ PosePriors RightPriors(const Rigid3& truth, double sigma, double sigma_deg) {
           .orientation = OrientationPrior{truth.rotation, sigma_deg}};
 }
 
+// That of a surface with this normal, so far ahead of the camera.
+RangePrior RangeOf(const Rigid3& truth, double range, double sigma, const Vector3d& normal) {
+  const Vector3d ahead = truth.rotation.conjugate() * Vector3d::UnitZ();
+  return {.range = range,
+          .sigma = sigma,
+          .plane = RangePrior::Plane{truth.OriginInSource() + range * ahead, normal}};
+}
+
 TEST(PosePriors, GradientIsHalfOfTheCostsSlope) {
   Rng rng = TestRng();
   for (int i = 0; i < 50; ++i) {
     const Rigid3 truth = RandomRigid3(rng, 2);
-    const PosePriors known = RightPriors(truth, 0.3, 5);
+    PosePriors known = RightPriors(truth, 0.3, 5);
+    known.range = RangeOf(truth, 4, 0.3, RandomDirection(rng));
     const NormalizedPriors priors(known, Vector3d(0.1, 0.2, 0.3), 1.5, {});
     CamFromLocal pose{truth.rotation.toRotationMatrix(),
                       (truth.translation + truth.rotation * Vector3d(0.1, 0.2, 0.3)) / 1.5};
@@ -101,6 +110,10 @@ TEST(PosePriors, WhatIsNotFiniteIsNamed) {
   EXPECT_TRUE(FailsWithInputError(
       prepare({.orientation = OrientationPrior{Eigen::Quaterniond(2, 0, 0, 0), 1}}),
       {"orientation prior: expected a unit quaternion"}));
+  EXPECT_TRUE(FailsWithInputError(prepare({.range = RangeOf(Rigid3(), -1, 1, Vector3d::UnitZ())}),
+                                  {"range prior"}));
+  EXPECT_TRUE(FailsWithInputError(prepare({.range = RangeOf(Rigid3(), 1, 1, Vector3d::Zero())}),
+                                  {"range prior, normal"}));
 }
 
 // East is right of a camera that looks north; one that looks east is off by a right angle.
@@ -160,6 +173,30 @@ Counts CountRight(Method method, Rng& rng, const MakePriors& make_priors) {
     counts.with += right();
   }
   return counts;
+}
+
+// A camera that looks down from a height of 10 over a slope of one to two.
+TEST(PosePriors, ARangeIsMeasuredAlongTheOpticalAxis) {
+  Eigen::Matrix3d looks_down;
+  looks_down << 1, 0, 0, 0, -1, 0, 0, 0, -1;
+  const Vector3d normal(1, 0, 2);
+  PosePriors known;
+  known.range = {.range = 10, .sigma = 0.1, .plane = RangePrior::Plane{{0, 0, 0}, normal}};
+  const NormalizedPriors priors(known, Vector3d::Zero(), 1, {});
+  const auto cost = [&](const Vector3d& center) {
+    return priors.Cost({looks_down, -(looks_down * center)});
+  };
+  EXPECT_NEAR(cost({0, 3, 10}), 0, 1e-12);
+  EXPECT_NEAR(cost({2, 0, 9}), 0, 1e-12) << "the ground falls by 1";
+  EXPECT_GT(cost({2, 0, 10}), 0.9 * priors.WorstCost());
+  // Of what the pose itself looks at, agreement is no evidence, but contradiction is.
+  const auto evidence = [&](const Vector3d& center) {
+    return priors.LogEvidence({looks_down, -(looks_down * center)});
+  };
+  EXPECT_EQ(evidence({0, 0, 10}), 0);
+  EXPECT_LT(evidence({0, 0, 12}), -2);
+  known.range->plane.reset();
+  EXPECT_TRUE(NormalizedPriors(known, Vector3d::Zero(), 1, {}).empty()) << "of an unknown surface";
 }
 
 TEST(PosePriors, HelpWhereMatchesAreFew) {

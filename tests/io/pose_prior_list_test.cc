@@ -33,6 +33,11 @@ TEST(PosePriorList, IsReadInAnyOrder) {
             Eigen::Vector3d(0, 0, -1));
   EXPECT_EQ(ReadPosePriors(FileOf("a focal_range 1.5")).at("a").focal_range, 1.5);
   EXPECT_EQ(ReadPosePriors(FileOf("a focal_sigma 0.002")).at("a").focal_sigma, 0.002);
+  const auto range = ReadPosePriors(FileOf("a range 41.5 0.3")).at("a").range;
+  ASSERT_TRUE(range);
+  EXPECT_EQ(range->range, 41.5);
+  EXPECT_EQ(range->sigma, 0.3);
+  EXPECT_FALSE(range->plane);
 }
 
 // Grid north of zone 15 is .73 degrees east of true north there.
@@ -129,6 +134,8 @@ TEST(PosePriorList, MistakesAreNamedByLineAndField) {
   EXPECT_TRUE(fails("a pose 1 0 0 0 0 0 0 -1 1", {"line 1", "sigma: expected at least 0"}));
   EXPECT_TRUE(fails("a orientation 1 0 0 0 1\na pose 1 0 0 0 0 0 0 1 1",
                     {"line 2", "pose of \"a\" stands twice"}));
+  EXPECT_TRUE(fails("a range 0 1", {"line 1", "range: expected a positive one, found 0"}));
+  EXPECT_TRUE(fails("a range 1 1\na range 1 1", {"line 2", "range of \"a\" stands twice"}));
   EXPECT_TRUE(fails("a gps 0 0 0 1", {"line 1", "found \"a gps\""}));
   EXPECT_TRUE(fails("a position 1 2 3 1\na position 1 2 3 1",
                     {"line 2", "position of \"a\" stands twice"}));

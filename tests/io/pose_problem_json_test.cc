@@ -312,6 +312,7 @@ TEST(PoseProblemJson, PriorsComeBack) {
       .gravity = GravityPrior{{0.1, 1, 0}, {0, 0, -1}, 0.5},
       .heading = HeadingPrior{{0, 1, 0}, {1, 0.1, 0}, {0, 0, -1}, 12},
       .orientation = OrientationPrior{Eigen::Quaterniond(0.6, 0, 0.8, 0), 3},
+      .range = RangePrior{12.1, 0.2, RangePrior::Plane{{1, 2, 3}, {0, 0.1, -1}}},
       .focal_range = 1.5,
   };
   const std::string text = FormatPoseProblem(file);
@@ -328,6 +329,10 @@ TEST(PoseProblemJson, PriorsComeBack) {
   EXPECT_EQ(read.heading->sigma_deg, 12);
   EXPECT_EQ(read.orientation->cam_from_world.coeffs(), Eigen::Vector4d(0, 0.8, 0, 0.6));
   EXPECT_EQ(read.orientation->sigma_deg, 3);
+  EXPECT_EQ(read.range->range, 12.1);
+  EXPECT_EQ(read.range->sigma, 0.2);
+  EXPECT_EQ(read.range->plane->point, Eigen::Vector3d(1, 2, 3));
+  EXPECT_EQ(read.range->plane->normal, Eigen::Vector3d(0, 0.1, -1));
   EXPECT_EQ(read.focal_range, 1.5);
   file.problem.priors = {.focal_sigma = 0.03};
   EXPECT_EQ(ParsePoseProblem(FormatPoseProblem(file), "p.json").problem.priors.focal_sigma, 0.03);
@@ -372,6 +377,10 @@ TEST(PoseProblemJson, WrongValuesAreNamedByTheirPath) {
                 "\"query\": {\"gravity_prior\": {\"sigma_deg\": 1, \"down_in_cam\": [0, 0, 0], "
                 "\"down_in_world\": [0, 0, 1]}, ",
                 {"p.json: query.gravity_prior.down_in_cam: expected a direction"});
+  ExpectFailure("\"query\": {",
+                "\"query\": {\"range_prior\": {\"range\": 0, \"sigma\": 1, \"point\": [0, 0, 0], "
+                "\"normal\": [0, 0, 1]}, ",
+                {"p.json: query.range_prior.range: expected a positive range"});
   ExpectFailure("\"query\": {", "\"query\": {\"other_cameras\": [{\"name\": \"b\"}], ",
                 {"p.json: query.other_cameras[0]: the member \"camera\" is missing"});
   ExpectFailure("\"query\": {", "\"query\": {\"other_cameras\": 1, ",

@@ -67,6 +67,24 @@ TEST(QueryList, ExifTellsTheFocalLengthOfAPhotographOfUnknownCamera) {
   EXPECT_EQ(queries[0].priors.focal_range, 1.2);
 }
 
+TEST(QueryList, ALensIsThatOfTheDronesCalibrationWhereNothingContradictsIt) {
+  const LensTags lens{.calibration = {{4000, 4010, 20, -10, -0.1, 0.02, 0.001, 0.002, -0.01}},
+                      .taken_width_px = 5280};
+  // Of a photograph of half the size.
+  const Query query = QueryOfUnknownCamera("a", {2640, 1978}, lens);
+  EXPECT_EQ(query.camera, Camera(CameraModel::kFullOpenCv, 2640, 1978,
+                                 std::vector<double>{2000, 2005, 1330, 984, -0.1, 0.02, 0.001,
+                                                     0.002, -0.01, 0, 0, 0}));
+  EXPECT_EQ(query.priors.focal_range, 1);
+  EXPECT_GT(query.priors.focal_sigma, 0);
+  LensTags other = lens;
+  other.film_mm = 40;  // 24 mm would be right: another lens
+  EXPECT_EQ(QueryOfUnknownCamera("a", {2640, 1978}, other).priors.focal_range, 1.2);
+  other = lens;
+  other.calibration->at(2) = 3000;
+  EXPECT_EQ(QueryOfUnknownCamera("a", {2640, 1978}, other).priors.focal_range, 2);
+}
+
 TEST(QueryList, ALineMayTellHowSureItsFocalLengthIs) {
   const auto folder = TestFolder();
   const std::string text =

@@ -115,6 +115,32 @@ TEST_F(LocalizerTest, SplatsStandInForTheMesh) {
   EXPECT_TRUE(IsNearPose(*result.localized.estimate.cam_from_world, truth(), 0.02, 0.002));
 }
 
+// A focal length that is a guess leaves open how far away all is; a range tells it.
+TEST_F(LocalizerTest, ARangeIsOfTheSurfaceInTheMiddle) {
+  const Eigen::Vector3d ahead = truth().rotation.conjugate() * Eigen::Vector3d::UnitZ();
+  const Ray axis{truth().OriginInSource(), ahead};
+  const auto hit = scene_.Mesh()->Cast({&axis, 1}).front();
+  ASSERT_TRUE(hit);
+  const auto along_axis = [&](const PoseEstimate& estimate) {
+    return std::pair((estimate.cam_from_world.value() * axis.origin_in_world).z(),
+                     std::sqrt(estimate.covariance.value()(5, 5)));
+  };
+  const auto without = along_axis(Run(HlocSource()).localized.estimate);
+  query_.priors.range = {.range = hit->ray_t, .sigma = without.second / 10};
+  const QueryResult known = Run(HlocSource());
+  ASSERT_TRUE(known.problem.priors.range->plane);
+  const RangePrior::Plane& plane = *known.problem.priors.range->plane;
+  EXPECT_LT((plane.point - (axis.origin_in_world + hit->ray_t * ahead)).norm(), 0.01);
+  EXPECT_GT(std::abs(plane.normal.normalized().dot(hit->normal_in_world)), 0.999);
+  const auto with = along_axis(known.localized.estimate);
+  EXPECT_LT(with.second, without.second / 5);
+  EXPECT_LT(std::abs(with.first), std::abs(without.first));
+  // One that contradicts the matches is not believed.
+  query_.priors.range->range += 2;
+  EXPECT_NEAR(along_axis(Run(HlocSource()).localized.estimate).first, without.first,
+              without.second);
+}
+
 TEST_F(LocalizerTest, MatchesBeyondTheMeshAreNotHits) {
   QueryMatches matches = AllMatches();
   const size_t right = matches.matches.size();

@@ -95,7 +95,7 @@ TEST(Exif, IsReadInEitherByteOrder) {
     EXPECT_EQ(exif.orientation, 6);
     EXPECT_TRUE(exif.SwapsSides());
     EXPECT_EQ(exif.focal_mm, 4.2);
-    EXPECT_EQ(exif.focal_35mm, 26);
+    EXPECT_EQ(exif.lens.film_mm, 26);
     EXPECT_EQ(exif.pixels_per_mm, 500);
     ASSERT_TRUE(exif.gps);
     EXPECT_DOUBLE_EQ(exif.gps->latitude_deg, -22.91);
@@ -162,6 +162,23 @@ TEST(Xmp, DronesTagsAreAttributesOrElements) {
   EXPECT_EQ(tags->pitch_deg, -89.9);
   EXPECT_FALSE(tags->roll_deg);
   EXPECT_EQ(tags->rtk_sigma_m, Eigen::Vector3d(0.01, 0.02, 0.03));
+  EXPECT_FALSE(tags->range_m || tags->calibration);
+  const auto measured = [&](const std::string& more) {
+    return *ParseDroneTags(
+        begin +
+        "drone-dji:LRFTargetDistance=\"41.250\" drone-dji:DewarpData=\"2022-06-08;3713.5,3714,7,"
+        "-8.5,-0.11,+0.01,0.001,-0.002,-0.02\"" +
+        more + ">" + end);
+  };
+  EXPECT_EQ(measured("").range_m, 41.25);
+  EXPECT_EQ(measured("").calibration,
+            (std::array{3713.5, 3714.0, 7.0, -8.5, -0.11, 0.01, 0.001, -0.002, -0.02}));
+  EXPECT_EQ(measured(" drone-dji:DewarpFlag=\"1\"").calibration,
+            (std::array{3713.5, 3714.0, 7.0, -8.5, 0.0, 0.0, 0.0, 0.0, 0.0}))
+      << "its distortion is taken off";
+  const auto none = ParseDroneTags(
+      begin + "a:LRFTargetDistance=\"0\" a:DewarpData=\"2022-06-08;0,0,0,0,0,0,0,0,0\">" + end);
+  EXPECT_FALSE(none->range_m || none->calibration);
   EXPECT_FALSE(ParseDroneTags(begin + "a:Make=\"Canon\">" + end));
   EXPECT_FALSE(ParseDroneTags("<x:xmpmeta"));
   EXPECT_FALSE(ParseDroneTags(""));

@@ -10,6 +10,7 @@
 
 #include "raylift/geometry/camera.h"
 #include "raylift/scene/image.h"
+#include "raylift/scene/photographs.h"
 
 namespace raylift {
 
@@ -17,9 +18,8 @@ namespace raylift {
 // missing or no image.
 PlaneSize ReadImageSize(const std::filesystem::path& path);
 
-// Returns the focal length that the photograph's EXIF says, in mm on film of 36 mm x 24 mm; nullopt
-// where it says none.
-std::optional<double> ReadFocalLengthOnFilm(const std::filesystem::path& path);
+// Returns what the photograph says of its lens, by EXIF and XMP.
+LensTags ReadLensTags(const std::filesystem::path& path);
 
 // Returns what is wrong where the photograph `name` has another size than its camera: whether
 // viewers turn it, as its EXIF says, and what the camera is at the photograph's size.

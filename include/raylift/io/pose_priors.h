@@ -36,6 +36,9 @@ namespace raylift {
 //   # a position and an orientation: qw qx qy qz tx ty tz, world to camera, as in pose files, and
 //   # the standard deviations of both
 //   day/004.jpg pose 0.5 0.5 -0.5 0.5 2.5 1.2 -4 1 5
+//   # from the camera's center along its optical axis to the surface, by a laser, and its standard
+//   # deviation
+//   day/002.jpg range 41.3 0.3
 //   # the camera's focal length is the given one up to this factor either way
 //   day/002.jpg focal_range 1.5
 //   # the focal length's standard deviation as a share of it
@@ -89,6 +92,7 @@ struct PhotographTags {
   std::optional<double> heading_deg;  // of where right_in_cam is the viewer's right
   Eigen::Vector3d right_in_cam = Eigen::Vector3d::UnitX();
   double heading_sigma_deg = 0;
+  std::optional<double> range_m;  // by a laser along the optical axis
   // What was found and what was not taken, for people: "position +-3 m, gimbal".
   std::string summary;
 };

@@ -6,8 +6,8 @@
 // "matches_2d2d_camera" and "matches_2d3d_camera" hold a number per match: 0 for the query's own
 // camera, i for other_cameras[i - 1]. Both are read.
 //
-// Beyond the format's own members, the query's "focal_sigma" (of its focal length, as a share of
-// it), "reference_sigmas" (how far the references err as wholes: "factor", "rotation_deg" and
+// Beyond the format's own members, the query's "heading_prior", "orientation_prior" and "range_prior"
+// (of PosePriors), "focal_sigma" (of its focal length, as a share of it), "reference_sigmas" (how far the references err as wholes: "factor", "rotation_deg" and
 // "position", each of them if known), "reference_clusters" (the covisibility cluster of each
 // reference), "matches_2d3d_reference" (an index or null per 2D-3D match), "matches_2d3d_sigma",
 // "matches_2d3d_log_depth_sigma" and "matches_2d2d_sigma_px" (a number or null per match: of the

@@ -143,6 +143,8 @@ class Localizer {
 
  private:
   const MatchSource& Source() const;
+  // Where a range is known, the problem gets the surface that it is of.
+  PoseEstimate EstimateProblem(PoseProblem& problem) const;
   template <typename MakeMatches>
   QueryResult Begin(const Query& query, const MakeMatches& make_matches) const;
 

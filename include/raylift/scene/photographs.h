@@ -2,6 +2,7 @@
 
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <optional>
 #include <span>
@@ -56,6 +57,15 @@ struct View {
   Rigid3 cam_from_world;
 };
 
+// What a photograph says of the camera that took it, as far as it says something.
+struct LensTags {
+  std::optional<double> film_mm;  // the focal length on film of 36 mm x 24 mm
+  // What drones write: fx, fy, the principal point from the picture's middle, then k1, k2, p1, p2
+  // and k3 as OpenCV has them; pixels of the picture as it was taken.
+  std::optional<std::array<double, 9>> calibration;
+  std::optional<double> taken_width_px;
+};
+
 struct PositionPrior {
   Eigen::Vector3d position;  // of the camera's center, world frame
   // Standard deviation along each axis of the world, scene units; 0: exact.
@@ -82,18 +92,32 @@ struct OrientationPrior {
   double sigma_deg = 1;  // standard deviation of the angle about each axis; 0: exact
 };
 
+// The distance from the camera's center along its optical axis to the surface, by a laser.
+struct RangePrior {
+  double range = 0;  // scene units, positive
+  double sigma = 0;  // its standard deviation; 0: exact
+  // The surface's plane there, in the world. Localizer finds it where a first estimate looks;
+  // without one the range says nothing.
+  struct Plane {
+    Eigen::Vector3d point;
+    Eigen::Vector3d normal;  // any length but 0
+  };
+  std::optional<Plane> plane = std::nullopt;
+};
+
 inline constexpr double kMaxFocalRange = 10;
 // Focal lengths that are less certain are looked for, see PosePriors::focal_range.
 inline constexpr double kMaxFocalSigma = 0.3;
 
 // The prior knowledge of a query's pose: a position from GNSS, the direction of gravity from an
-// accelerometer, the heading from a compass, or all of the orientation; and what is not known of
-// its camera.
+// accelerometer, the heading from a compass, or all of the orientation; the range to what is in the
+// middle; and what is not known of its camera.
 struct PosePriors {
   std::optional<PositionPrior> position = std::nullopt;
   std::optional<GravityPrior> gravity = std::nullopt;
   std::optional<HeadingPrior> heading = std::nullopt;
   std::optional<OrientationPrior> orientation = std::nullopt;
+  std::optional<RangePrior> range = std::nullopt;
   // The focal length is the given camera's up to this factor either way, of 1 (it is known) to
   // kMaxFocalRange. Where an estimator is asked to refine it, too, the wider range counts.
   double focal_range = 1;
@@ -104,7 +128,7 @@ struct PosePriors {
 
   // Nothing is known of the pose, and the focal length is not to be looked for.
   bool empty() const {
-    return !position && !gravity && !heading && !orientation && focal_range == 1;
+    return !position && !gravity && !heading && !orientation && !range && focal_range == 1;
   }
 };
 

@@ -27,6 +27,9 @@ constexpr double kReach = 3;
 // A heading says something where right in the image points along the ground by so much.
 constexpr double kLeastHorizontal = 0.2;
 
+// A range says nothing of a pose that sees the surface more edge-on than this cosine.
+constexpr double kLeastCosine = 0.02;
+
 // A prior that is said to be exact is exact to so much of a local unit, or radian.
 constexpr double kExact = 1e-6;
 
@@ -64,6 +67,10 @@ double AngleSigma(double sigma_deg, std::string_view prior) {
 
 NormalizedPriors::NormalizedPriors(const PosePriors& priors, const Vector3d& origin_in_world,
                                    double scale, std::span<const Vector3d> centers) {
+  double furthest = 1;
+  for (const Vector3d& center : centers) {
+    if (center.allFinite()) furthest = std::max(furthest, center.norm());
+  }
   if (priors.position) {
     const PositionPrior& prior = *priors.position;
     if (!prior.position.allFinite() || !prior.sigma.allFinite() || prior.sigma.minCoeff() < 0) {
@@ -72,10 +79,6 @@ NormalizedPriors::NormalizedPriors(const PosePriors& priors, const Vector3d& ori
     }
     position_ = {.center = (prior.position - origin_in_world) / scale,
                  .sigma = (prior.sigma / scale).cwiseMax(kExact)};
-    double furthest = 1;
-    for (const Vector3d& center : centers) {
-      if (center.allFinite()) furthest = std::max(furthest, center.norm());
-    }
     const double log_volume = std::log(4 * std::numbers::pi / 3) + 3 * std::log(kReach * furthest);
     position_log_peak_ =
         log_volume - 1.5 * std::log(2 * std::numbers::pi) - position_->sigma.array().log().sum();
@@ -111,6 +114,21 @@ NormalizedPriors::NormalizedPriors(const PosePriors& priors, const Vector3d& ori
     orientation_log_peak_ = std::log(8 * std::numbers::pi * std::numbers::pi) -
                             1.5 * std::log(2 * std::numbers::pi) -
                             3 * std::log(orientation_->sigma);
+  }
+  if (priors.range && priors.range->plane) {
+    const RangePrior& prior = *priors.range;
+    if (!(prior.range > 0) || !std::isfinite(prior.range) || !(prior.sigma >= 0) ||
+        !std::isfinite(prior.sigma) || !prior.plane->point.allFinite()) {
+      throw InputError(
+          "range prior: expected a positive range, a standard deviation of at least 0 and a plane");
+    }
+    range_ = {.point = (prior.plane->point - origin_in_world) / scale,
+              .normal = Direction(prior.plane->normal, "range", "normal"),
+              .range = prior.range / scale,
+              .sigma = std::max(prior.sigma / scale, kExact)};
+    // Over any range within reach.
+    range_log_peak_ = std::log(kReach * furthest) - 0.5 * std::log(2 * std::numbers::pi) -
+                      std::log(range_->sigma);
   }
 }
 
@@ -182,9 +200,28 @@ std::optional<NormalizedPriors::Term> NormalizedPriors::OrientationTerm(
   return term;
 }
 
-std::array<std::optional<NormalizedPriors::Term>, 4> NormalizedPriors::Terms(
+// The range r = n . (p - c) / (n . a) to the plane through p with the normal n, from the center c along
+// the optical axis a.
+std::optional<NormalizedPriors::Term> NormalizedPriors::RangeTerm(const CamFromLocal& pose) const {
+  if (!range_) return std::nullopt;
+  const Vector3d normal_in_cam = pose.rotation * range_->normal;
+  const double cosine = normal_in_cam.z();
+  if (std::abs(cosine) < kLeastCosine) return std::nullopt;
+  const double range =
+      (range_->normal.dot(range_->point) + normal_in_cam.dot(pose.translation)) / cosine;
+  Term term{Vector3d((range - range_->range) / range_->sigma, 0, 0), range_log_peak_,
+            Eigen::Matrix<double, 3, 6>::Zero()};
+  // A step w turns the axis by R' (z x w), a step v moves the center by -R' v.
+  term.jacobian.row(0) << -range * normal_in_cam.cross(Vector3d::UnitZ()).transpose(),
+      normal_in_cam.transpose();
+  term.jacobian.row(0) /= cosine * range_->sigma;
+  return term;
+}
+
+std::array<std::optional<NormalizedPriors::Term>, 5> NormalizedPriors::Terms(
     const CamFromLocal& pose) const {
-  return {PositionTerm(pose), GravityTerm(pose), HeadingTerm(pose), OrientationTerm(pose)};
+  return {PositionTerm(pose), GravityTerm(pose), HeadingTerm(pose), OrientationTerm(pose),
+          RangeTerm(pose)};
 }
 
 double NormalizedPriors::ProbabilityOfPosition(const CamFromLocal& pose) const {
@@ -199,9 +236,11 @@ double NormalizedPriors::ProbabilityOfGravity(const CamFromLocal& pose) const {
 
 double NormalizedPriors::LogEvidence(const CamFromLocal& pose) const {
   double sum = 0;
-  for (const auto& term : Terms(pose)) {
+  for (const auto& term :
+       {PositionTerm(pose), GravityTerm(pose), HeadingTerm(pose), OrientationTerm(pose)}) {
     if (term) sum += term->LogEvidence();
   }
+  if (const auto range = RangeTerm(pose)) sum += std::min(range->LogEvidence(), 0.0);
   return sum;
 }
 
@@ -225,7 +264,8 @@ double NormalizedPriors::WorstCost() const {
          (shortfall(position_.has_value(), position_log_peak_) +
           shortfall(gravity_.has_value(), gravity_log_peak_) +
           shortfall(heading_.has_value(), heading_log_peak_) +
-          shortfall(orientation_.has_value(), orientation_log_peak_));
+          shortfall(orientation_.has_value(), orientation_log_peak_) +
+          shortfall(range_.has_value(), range_log_peak_));
 }
 
 void NormalizedPriors::AddTo(const CamFromLocal& pose, double weight,

@@ -1,7 +1,7 @@
 // The pose's priors, each as one more residual.
 //
 // A prior may be wrong, as a match may: with a chance of one in twenty it says nothing, and the
-// position is anywhere about the references, gravity, heading or orientation any. The probability
+// position is anywhere about the references, gravity, heading, orientation or range any. The probability
 // of a pose is a mixture of both, so that a prior's cost is bounded: one that contradicts what the
 // matches say costs all poses there the same.
 
@@ -37,13 +37,14 @@ class NormalizedPriors {
   };
   const std::optional<Position>& position() const { return position_; }
   const std::optional<Gravity>& gravity() const { return gravity_; }
-  bool empty() const { return !position_ && !gravity_ && !heading_ && !orientation_; }
+  bool empty() const { return !position_ && !gravity_ && !heading_ && !orientation_ && !range_; }
 
   // The probabilities that the position's and gravity's priors are right, at a pose; 0 without one.
   double ProbabilityOfPosition(const CamFromLocal& pose) const;
   double ProbabilityOfGravity(const CamFromLocal& pose) const;
 
-  // The logarithm of how much likelier a pose is than without priors.
+  // The logarithm of how much likelier a pose is than without priors. A range is of the surface that
+  // the pose itself chose: one that fits says nothing for it, one that does not fit speaks against it.
   double LogEvidence(const CamFromLocal& pose) const;
 
   // How much a pose's evidence falls short of the greatest, in the unit of a match's squared
@@ -66,6 +67,12 @@ class NormalizedPriors {
     double sigma;  // radians
   };
 
+  struct Range {
+    Eigen::Vector3d point, normal;  // of the surface's plane; unit
+    double range;
+    double sigma;
+  };
+
   // One kind of knowledge at a pose.
   struct Term {
     Eigen::Vector3d residual;  // over its standard deviations
@@ -82,7 +89,8 @@ class NormalizedPriors {
   std::optional<Term> GravityTerm(const CamFromLocal& pose) const;
   std::optional<Term> HeadingTerm(const CamFromLocal& pose) const;
   std::optional<Term> OrientationTerm(const CamFromLocal& pose) const;
-  std::array<std::optional<Term>, 4> Terms(const CamFromLocal& pose) const;
+  std::optional<Term> RangeTerm(const CamFromLocal& pose) const;
+  std::array<std::optional<Term>, 5> Terms(const CamFromLocal& pose) const;
   // What it costs that a heading says nothing of a pose: as where none is known, which is short of
   // a right one.
   double SilenceOfHeading(const CamFromLocal& pose) const;
@@ -91,10 +99,12 @@ class NormalizedPriors {
   std::optional<Gravity> gravity_;
   std::optional<Heading> heading_;
   std::optional<Orientation> orientation_;
+  std::optional<Range> range_;
   double position_log_peak_ = 0;
   double gravity_log_peak_ = 0;
   double heading_log_peak_ = 0;
   double orientation_log_peak_ = 0;
+  double range_log_peak_ = 0;
 };
 
 // A threshold is some two and a half standard deviations of the keypoints' noise, and stays so of

@@ -79,9 +79,9 @@ PlaneSize ReadImageSize(const std::filesystem::path& path) {
   return {image.width_px, image.height_px};
 }
 
-std::optional<double> ReadFocalLengthOnFilm(const std::filesystem::path& path) {
+LensTags ReadLensTags(const std::filesystem::path& path) {
   std::ifstream file(path, std::ios::binary);
-  return ReadExif(file).focal_35mm;
+  return ReadExif(file).lens;
 }
 
 std::optional<std::string> WhyOtherSize(const Camera& camera, const std::string& name,

@@ -37,6 +37,8 @@ constexpr double kLeastStatedSigma = 0.5;
 // Of gimbals' tilts and compasses; where north is magnetic, declination comes to it.
 constexpr double kTiltSigmaDeg = 2, kGimbalHeadingSigmaDeg = 10, kHeadingSigmaDeg = 15,
                  kMagneticSigmaDeg = 25;
+// What makers of drones say of their lasers.
+constexpr double kRangeSigma = 0.2, kRangeSigmaPerMeter = 0.0015;
 
 Vector3d SigmaOfAcross(double across_m) {
   return {across_m, across_m, std::hypot(kHeightSigma, 2 * across_m)};
@@ -50,6 +52,8 @@ class Finder {
     FindPosition();
     FindGimbal();
     FindHeading();
+    FindRange();
+    if (exif_.lens.calibration) Say("calibrated lens");
     return std::move(tags_);
   }
 
@@ -139,6 +143,12 @@ class Finder {
                     exif_.gps->direction_is_magnetic ? " (magnetic)" : ""));
   }
 
+  void FindRange() {
+    if (!exif_.drone || !exif_.drone->range_m) return;
+    tags_.range_m = exif_.drone->range_m;
+    Say(fmt::format("laser range {:.1f} m", *tags_.range_m));
+  }
+
   const Exif& exif_;
   PhotographTags tags_;
 };
@@ -174,6 +184,10 @@ std::string FormatPhotographPriors(const std::string& photograph, const Photogra
   if (tags.heading_deg) {
     text += fmt::format("{} heading {} {} {}\n", name, FormatDouble(*tags.heading_deg),
                         FormatDouble(tags.heading_sigma_deg), Text(tags.right_in_cam));
+  }
+  if (tags.range_m) {
+    text += fmt::format("{} range {} {}\n", name, FormatDouble(*tags.range_m),
+                        FormatDouble(kRangeSigma + kRangeSigmaPerMeter * *tags.range_m));
   }
   return text;
 }

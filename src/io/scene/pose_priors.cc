@@ -171,12 +171,13 @@ void PriorReader::ReadLine(LineTokens& tokens) {
     return tokens.ExpectEnd();
   }
   PosePriors& priors = priors_[name];
-  const std::array<std::pair<std::string_view, bool>, 7> kinds = {
+  const std::array<std::pair<std::string_view, bool>, 8> kinds = {
       {{"position", priors.position.has_value()},
        {"gravity", priors.gravity.has_value()},
        {"heading", priors.heading.has_value()},
        {"orientation", priors.orientation.has_value()},
        {"pose", priors.position.has_value() || priors.orientation.has_value()},
+       {"range", priors.range.has_value()},
        {"focal_range", priors.focal_range != 1},
        {"focal_sigma", priors.focal_sigma.has_value()}}};
   for (const auto& [known, is_said] : kinds) {
@@ -203,6 +204,10 @@ void PriorReader::ReadLine(LineTokens& tokens) {
                        .sigma = Vector3d::Constant(ReadSigma(tokens, "sigma"))};
     priors.orientation = {.cam_from_world = cam_from_world.rotation,
                           .sigma_deg = ReadSigma(tokens, "sigma_deg")};
+  } else if (kind == "range") {
+    const double range = tokens.Double(kind);
+    if (!(range > 0)) tokens.Fail(fmt::format("range: expected a positive one, found {}", range));
+    priors.range = {.range = range, .sigma = ReadSigma(tokens, "sigma")};
   } else if (kind == "focal_range") {
     priors.focal_range = tokens.Double(kind);
     if (!(priors.focal_range > 1 && priors.focal_range <= kMaxFocalRange)) {
@@ -212,9 +217,9 @@ void PriorReader::ReadLine(LineTokens& tokens) {
     priors.focal_sigma = tokens.FocalSigma();
   } else {
     tokens.Fail(fmt::format(
-        "expected \"position\", \"pose\", \"gravity\", \"heading\", \"orientation\", "
-        "\"focal_range\" or "
-        "\"focal_sigma\", or \"* world_crs\", \"* world_down\" or \"* world_north\", found \"{} "
+        "expected \"position\", \"pose\", \"gravity\", \"heading\", \"orientation\", \"range\", "
+        "\"focal_range\" or \"focal_sigma\", or \"* world_crs\", \"* world_down\" or \"* "
+        "world_north\", found \"{} "
         "{}\"",
         name, kind));
   }

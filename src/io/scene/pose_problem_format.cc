@@ -139,6 +139,12 @@ std::string PriorsText(const PosePriors& priors) {
     text += fmt::format(R"(, "orientation_prior": {{"qvec": {}, "sigma_deg": {}}})",
                         RotationText(prior->cam_from_world), NumberText(prior->sigma_deg));
   }
+  if (const auto& prior = priors.range; prior && prior->plane) {
+    text +=
+        fmt::format(R"(, "range_prior": {{"range": {}, "sigma": {}, "point": {}, "normal": {}}})",
+                    NumberText(prior->range), NumberText(prior->sigma),
+                    NumbersText(prior->plane->point), NumbersText(prior->plane->normal));
+  }
   if (priors.focal_range != 1) text += ", \"focal_range\": " + NumberText(priors.focal_range);
   if (priors.focal_sigma) text += ", \"focal_sigma\": " + NumberText(*priors.focal_sigma);
   return text;

@@ -202,6 +202,17 @@ PosePriors ReadPriors(const JsonPlace& query) {
     priors.orientation = {.cam_from_world = place.Member("qvec").Rotation(),
                           .sigma_deg = ReadSigmaDeg(place)};
   }
+  if (query.Has("range_prior")) {
+    const JsonPlace place = query.Member("range_prior");
+    const JsonPlace range = place.Member("range");
+    const JsonPlace sigma = place.Member("sigma");
+    priors.range = {.range = range.Number(),
+                    .sigma = sigma.Number(),
+                    .plane = RangePrior::Plane{place.Member("point").Vector<3>(),
+                                               ReadDirection(place.Member("normal"))}};
+    if (!(priors.range->range > 0)) range.Fail("expected a positive range");
+    if (!(priors.range->sigma >= 0)) sigma.Fail("expected a standard deviation");
+  }
   if (query.Has("focal_range")) {
     const JsonPlace place = query.Member("focal_range");
     priors.focal_range = place.Number();

@@ -75,6 +75,28 @@ Camera CameraOfFocalLength(const PlaneSize& size, double focal_px) {
   return {CameraModel::kSimplePinhole, size.width_px, size.height_px, params};
 }
 
+std::optional<double> FocalLengthByFilm(const PlaneSize& size, const LensTags& lens) {
+  if (!lens.film_mm) return std::nullopt;
+  return *lens.film_mm / kFilmDiagonalMm * std::hypot(size.width_px, size.height_px);
+}
+
+// Focus and temperature move a lens's focal length by so much from where it was calibrated.
+constexpr double kCalibratedFocalSigma = 0.005;
+
+// Returns the camera that the photograph says it was taken with; nullopt where it says none, or
+// one that its size or its focal length on film contradict, as where it was cropped.
+std::optional<Camera> CalibratedCamera(const PlaneSize& size, const LensTags& lens) {
+  if (!lens.calibration) return std::nullopt;
+  const auto& [fx, fy, dx, dy, k1, k2, p1, p2, k3] = *lens.calibration;
+  const double scale = lens.taken_width_px ? size.width_px / *lens.taken_width_px : 1;
+  const double by_film = FocalLengthByFilm(size, lens).value_or(scale * fx);
+  if (std::abs(std::log(scale * fx / by_film)) > std::log(kExifFocalRange)) return std::nullopt;
+  const double x = 0.5 * size.width_px + scale * dx, y = 0.5 * size.height_px + scale * dy;
+  if (!(x > 0 && x < size.width_px && y > 0 && y < size.height_px)) return std::nullopt;
+  const double params[] = {scale * fx, scale * fy, x, y, k1, k2, p1, p2, k3, 0, 0, 0};
+  return Camera(CameraModel::kFullOpenCv, size.width_px, size.height_px, params);
+}
+
 // A camera that was calibrated, with what the line says of how well.
 void ReadCamera(LineTokens& tokens, Query& query) {
   query.camera = tokens.CameraToEnd("focal_sigma");
@@ -233,18 +255,20 @@ std::map<std::string, RigMount> ReadMounts(const path& folder) {
 
 }  // namespace
 
-Query QueryOfUnknownCamera(const std::string& name, PlaneSize size, std::optional<double> film_mm) {
-  const double diagonal_px = std::hypot(size.width_px, size.height_px);
-  const double focal_px = film_mm ? *film_mm / kFilmDiagonalMm * diagonal_px
-                                  : 1.2 * std::max(size.width_px, size.height_px);
+Query QueryOfUnknownCamera(const std::string& name, PlaneSize size, const LensTags& lens) {
+  if (auto camera = CalibratedCamera(size, lens)) {
+    return {.name = name, .camera = *camera, .priors = {.focal_sigma = kCalibratedFocalSigma}};
+  }
+  const double focal_px =
+      FocalLengthByFilm(size, lens).value_or(1.2 * std::max(size.width_px, size.height_px));
   return {.name = name,
           .camera = CameraOfFocalLength(size, focal_px),
-          .priors = {.focal_range = film_mm ? kExifFocalRange : kGuessedFocalRange}};
+          .priors = {.focal_range = lens.film_mm ? kExifFocalRange : kGuessedFocalRange}};
 }
 
 Query QueryOfUnknownCamera(const std::string& name, const std::filesystem::path& images) {
   const std::filesystem::path file = PathBelow(images, name);
-  return QueryOfUnknownCamera(name, ReadImageSize(file), ReadFocalLengthOnFilm(file));
+  return QueryOfUnknownCamera(name, ReadImageSize(file), ReadLensTags(file));
 }
 
 std::vector<Query> ReadQueryList(const std::filesystem::path& path_or_pattern,
