@@ -67,8 +67,8 @@ std::string LocalizeHeader(const LocalizeFlags& flags, const std::string& option
                               scene, queries));
 }
 
-// Returns the options of results, with the system of the world where the geometry's files alone name
-// it, for those who read the results.
+// Returns the options of results, with the system of the world where the geometry's files alone
+// name it, for those who read the results.
 std::string OptionsWithWorld(const std::string& options_json,
                              const std::optional<WorldFrame>& world) {
   auto options = nlohmann::ordered_json::parse(options_json);

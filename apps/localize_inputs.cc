@@ -75,7 +75,7 @@ std::optional<std::string> WarnOfPlace(const WorldFrame& given, const WorldFrame
     const Eigen::Vector3d between = transform(named.origin + point) - (given.origin + point);
     const double apart = between.head<2>().norm();
     if (apart <= kSamePlace) return std::nullopt;
-    return fmt::format("{}: that is {:.3g} m away", what, apart);
+    return fmt::format("{}: that is {:.0f} m away", what, apart);
   } catch (const InputError& error) {
     return fmt::format("{}: {}", what, error.what());
   }

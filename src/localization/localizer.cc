@@ -50,9 +50,9 @@ std::vector<const GeometrySource*> PointersTo(
   return pointers;
 }
 
-// Returns the plane of the surface that a camera has in the middle of its view; nullopt where that is
-// the sky. The plane is through the surface there, and its normal the mean of some places about it, as
-// triangles of a surface model have the noise of its heights.
+// Returns the plane of the surface that a camera has in the middle of its view; nullopt where that
+// is the sky. The plane is through the surface there, and its normal the mean of some places about
+// it, as triangles of a surface model have the noise of its heights.
 std::optional<RangePrior::Plane> PlaneAhead(const RayCaster& surface,
                                             const Rigid3& cam_from_world) {
   constexpr double kAside = 0.01;

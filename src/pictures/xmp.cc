@@ -31,8 +31,8 @@ std::optional<double> Number(std::string_view text) {
   return value && std::isfinite(*value) ? value : std::nullopt;
 }
 
-// Returns the numbers of "2022-06-08;3713.29,3713.29,7.02,-8.72,-0.11,0.01,0,0,-0.02"; nullopt where
-// they are others or of no lens, as where none was calibrated.
+// Returns the numbers of "2022-06-08;3713.29,3713.29,7.02,-8.72,-0.11,0.01,0,0,-0.02"; nullopt
+// where they are others or of no lens, as where none was calibrated.
 std::optional<std::array<double, 9>> Calibration(std::string_view text) {
   const auto parts = SplitBy(text.substr(text.find(';') + 1), ',');
   std::array<double, 9> numbers{};

@@ -29,14 +29,14 @@ namespace raylift {
 // Where the folder of the photographs is given, a line may be a name alone: then the camera is a
 // pinhole with the principal point in the middle and a focal length of 1.2 times the longer side,
 // as COLMAP has it, which the query's priors say to be known up to a factor of two; or the one that
-// EXIF says in millimeters on film, up to a factor of 1.2. Where a drone wrote its lens's calibration
-// (DJI's DewarpData), the camera is that (FULL_OPENCV).
+// EXIF says in millimeters on film, up to a factor of 1.2. Where a drone wrote its lens's
+// calibration (DJI's DewarpData), the camera is that (FULL_OPENCV).
 // In place of a list, a folder stands for the photographs in and below it, so listed by name: it
 // lies in that of the photographs, or is it where none is given.
 std::vector<Query> ReadQueryList(const std::filesystem::path& path_or_pattern,
                                  const std::filesystem::path& images = {});
-// A photograph of an unknown camera, so listed by its name alone; or one in memory of this size, with
-// what it says of its lens.
+// A photograph of an unknown camera, so listed by its name alone; or one in memory of this size,
+// with what it says of its lens.
 Query QueryOfUnknownCamera(const std::string& name, const std::filesystem::path& images);
 Query QueryOfUnknownCamera(const std::string& name, PlaneSize size, const LensTags& lens = {});
 // Gives a query the camera of such a line: "MODEL width height params... [focal_sigma S]". Throws

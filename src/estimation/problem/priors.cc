@@ -200,8 +200,8 @@ std::optional<NormalizedPriors::Term> NormalizedPriors::OrientationTerm(
   return term;
 }
 
-// The range r = n . (p - c) / (n . a) to the plane through p with the normal n, from the center c along
-// the optical axis a.
+// The range r = n . (p - c) / (n . a) to the plane through p with the normal n, from the center c
+// along the optical axis a.
 std::optional<NormalizedPriors::Term> NormalizedPriors::RangeTerm(const CamFromLocal& pose) const {
   if (!range_) return std::nullopt;
   const Vector3d normal_in_cam = pose.rotation * range_->normal;

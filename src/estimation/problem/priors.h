@@ -1,9 +1,9 @@
 // The pose's priors, each as one more residual.
 //
 // A prior may be wrong, as a match may: with a chance of one in twenty it says nothing, and the
-// position is anywhere about the references, gravity, heading, orientation or range any. The probability
-// of a pose is a mixture of both, so that a prior's cost is bounded: one that contradicts what the
-// matches say costs all poses there the same.
+// position is anywhere about the references, gravity, heading, orientation or range any. The
+// probability of a pose is a mixture of both, so that a prior's cost is bounded: one that
+// contradicts what the matches say costs all poses there the same.
 
 #pragma once
 
@@ -43,8 +43,8 @@ class NormalizedPriors {
   double ProbabilityOfPosition(const CamFromLocal& pose) const;
   double ProbabilityOfGravity(const CamFromLocal& pose) const;
 
-  // The logarithm of how much likelier a pose is than without priors. A range is of the surface that
-  // the pose itself chose: one that fits says nothing for it, one that does not fit speaks against it.
+  // The logarithm of how much likelier a pose is than without priors. A range is of the surface
+  // that the pose itself chose: one that fits says nothing for it, another speaks against it.
   double LogEvidence(const CamFromLocal& pose) const;
 
   // How much a pose's evidence falls short of the greatest, in the unit of a match's squared
