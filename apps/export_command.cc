@@ -68,7 +68,8 @@ using std::filesystem::path;
 struct ExportFlags {
   ExportFormat format = ExportFormat::kColmap;
   path run, out, queries, query_images, model, times;
-  std::string geometry, up;
+  std::string geometry;
+  std::optional<Eigen::Vector3d> up;
   std::optional<NameForm> names;
   std::optional<double> frustum_size;
   int max_triangles = 0;  // 0: all
@@ -98,7 +99,7 @@ void Check(const ExportFlags& flags) {
   only_for("--to-crs", flags.to_crs.has_value(), {kUtm});
   only_for("--angles", flags.angles, {kGeopose});
   only_for("--geometry", !flags.geometry.empty(), {kGlb});
-  only_for("--up", !flags.up.empty(), {kGlb});
+  only_for("--up", flags.up.has_value(), {kGlb});
   RequireAtLeast("--max-triangles", flags.max_triangles, 0);
   only_for("--max-triangles", flags.max_triangles > 0, {kGlb});
   only_for("--frustum-size", flags.frustum_size.has_value(), {kGlb});
@@ -106,17 +107,6 @@ void Check(const ExportFlags& flags) {
     throw OptionError("--min-confidence", fmt::format("{}", flags.min_confidence),
                       "must lie between 0 and 1");
   }
-}
-
-std::optional<Eigen::Vector3d> ParseUp(const std::string& text) {
-  if (text.empty()) return std::nullopt;
-  const std::string axis = text.starts_with('-') ? text.substr(1) : text;
-  const size_t place = std::string_view("xyz").find(axis);
-  if (axis.size() != 1 || place == std::string_view::npos) {
-    throw OptionError("--up", text, "expected x|y|z|-x|-y|-z");
-  }
-  const double sign = text.starts_with('-') ? -1 : 1;
-  return sign * Eigen::Vector3d::Unit(static_cast<Eigen::Index>(place));
 }
 
 std::string NameIn(NameForm form, const std::string& name) {
@@ -230,7 +220,6 @@ class Export {
   }
 
   void WriteScene() {
-    const std::optional<Eigen::Vector3d> up = ParseUp(flags_.up);
     std::vector<GlbCamera> cameras;
     if (!run_.references.model.empty()) {
       for (PosedImage& image : References().images) {
@@ -243,7 +232,7 @@ class Export {
       cameras.push_back(
           {std::move(queries[i]), sure ? GlbCameraKind::kLocalized : GlbCameraKind::kDoubtful});
     }
-    const GlbOptions options{.frustum_size = flags_.frustum_size, .up_in_world = up};
+    const GlbOptions options{.frustum_size = flags_.frustum_size, .up_in_world = flags_.up};
     const std::shared_ptr<const RayCaster> mesh = Mesh();
     if (mesh == nullptr) {
       WriteGlb(flags_.out, nullptr, cameras, options);
@@ -374,9 +363,9 @@ Command AddExportCommand(CLI::App& program) {
   options.Add("--max-triangles", flags->max_triangles,
               "Of glb: make the mesh coarser until it has no more, in colors without\n"
               "textures; 0: as it is");
-  options.Add("--up", flags->up,
-              "Of glb: the world's axis that points up, x|y|z|-x|-y|-z, is turned to\n"
-              "glTF's y (default: the world's own axes)");
+  AddUpOption(options, "--up", flags->up,
+              "Of glb: the world's direction that points up, x|y|z|-x|-y|-z or X,Y,Z, is\n"
+              "turned to glTF's y; auto: the world's own axes are kept");
   options.AddParsed("--frustum-size", flags->frustum_size, &ParsePositive,
                     "Of glb: how far a camera reaches, scene units");
   AddRunOptions(command, flags->running);

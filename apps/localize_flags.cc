@@ -173,7 +173,7 @@ void AddMeshOnlyOptions(CLI::App& command, MeshOnlyFlags& flags) {
                   "WIDTHxHEIGHT (default: as sharp as the queries)");
   group.AddParsed("--view-fov-deg", flags.fov_deg, &ParseFov,
                   "Horizontal angle of view (default: the queries', 60 to 100)");
-  AddUpOption(group, "--view-up", flags.up_in_world);
+  AddUpOption(group, "--view-up", flags.up_in_world, kUpOfMeshHelp);
   group.Add("--view-eye-height", flags.eye_height, "inside: above the ground");
   group.Add("--view-clearance", flags.clearance,
             "Distance to the nearest surface (but for inside, at most 5 % of the\n"

@@ -167,11 +167,8 @@ void AddReferenceOptions(CLI::App& command, ReferenceFlags& flags, bool model_is
 }
 
 void AddUpOption(const OptionGroup& group, const std::string& name,
-                 std::optional<Eigen::Vector3d>& up_in_world) {
-  group.AddParsed(name, up_in_world, &ParseUp,
-                  "x|y|z|-x|-y|-z or X,Y,Z in the mesh's coordinates; auto: by\n"
-                  "what its floors and walls face, z where that does not tell",
-                  "auto");
+                 std::optional<Eigen::Vector3d>& up_in_world, const std::string& help) {
+  group.AddParsed(name, up_in_world, &ParseUp, help, "auto");
 }
 
 void RefuseWith(std::string_view other, std::initializer_list<GivenOption> options) {

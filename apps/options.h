@@ -76,9 +76,13 @@ void AddReferenceOptions(CLI::App& command, ReferenceFlags& flags, bool model_is
 // `--model-poses`: what the poses of --model mean.
 void AddModelPosesOption(CLI::App& command, ReferenceFlags& flags);
 
-// "x", "-y", ... or "X,Y,Z"; none, "auto", unless given: what the mesh tells (EstimateUp).
+// "x", "-y", ... or "X,Y,Z"; none, "auto", unless given, which `help` explains.
 void AddUpOption(const OptionGroup& group, const std::string& name,
-                 std::optional<Eigen::Vector3d>& up_in_world);
+                 std::optional<Eigen::Vector3d>& up_in_world, const std::string& help);
+// What it is for commands that ask the mesh then (EstimateUp).
+inline constexpr const char* kUpOfMeshHelp =
+    "x|y|z|-x|-y|-z or X,Y,Z in the mesh's coordinates; auto: by\n"
+    "what its floors and walls face, z where that does not tell";
 
 // Throws OptionError where one of these options is given, as none of them goes with `other`.
 struct GivenOption {

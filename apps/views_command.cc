@@ -190,7 +190,7 @@ void AddPlaceOptions(CLI::App& command, ViewsFlags& flags) {
   const OptionGroup group(command, "Places");
   group.Add("--mode", flags.mode, Descriptions<SamplingMode>());
   group.Add("--count", flags.count, "Poses");
-  AddUpOption(group, "--up", flags.up_in_world);
+  AddUpOption(group, "--up", flags.up_in_world, kUpOfMeshHelp);
   group.Flag("--level", flags.level,
              "Turn --up to what the mesh's floors and tables face (within 30 degrees)");
   group.Add("--clearance", flags.clearance, "Distance to the nearest surface, in all directions");
