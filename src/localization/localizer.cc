@@ -51,30 +51,37 @@ std::vector<const GeometrySource*> PointersTo(
 }
 
 // Returns the plane of the surface that a camera has in the middle of its view; nullopt where that
-// is the sky. The plane is through the surface there, and its normal the mean of some places about
-// it, as triangles of a surface model have the noise of its heights.
-std::optional<RangePrior::Plane> PlaneAhead(const RayCaster& surface,
-                                            const Rigid3& cam_from_world) {
-  constexpr double kAside = 0.01;
-  const Rigid3 world_from_cam = cam_from_world.Inverse();
+// is the sky. The plane is through the surface there. Its normal is the mean of some places about
+// it that the axis may meet, as the position is uncertain: triangles of a surface model have the
+// noise of its heights. How far these places lie from the plane is its uncertainty.
+std::optional<RangePrior::Plane> PlaneAhead(const RayCaster& surface, const PoseEstimate& estimate,
+                                            double range) {
+  const double aside = std::min(std::max(0.005, estimate.position_sigma / range), 0.05);
+  const Rigid3 world_from_cam = estimate.cam_from_world->Inverse();
   std::vector<Ray> rays;
-  for (const double x : {0.0, -kAside, kAside}) {
-    for (const double y : {0.0, -kAside, kAside}) {
+  for (const double x : {0.0, -aside, aside}) {
+    for (const double y : {0.0, -aside, aside}) {
       rays.push_back(
           {world_from_cam.translation, world_from_cam.rotation * Eigen::Vector3d(x, y, 1)});
     }
   }
   const auto hits = surface.Cast(rays);
-  const Ray& axis = rays.front();
   if (!hits.front()) return std::nullopt;
-  RangePrior::Plane plane{axis.origin_in_world + hits.front()->ray_t * axis.direction_in_world,
-                          Eigen::Vector3d::Zero()};
-  for (const auto& hit : hits) {
-    if (!hit) continue;
-    const Eigen::Vector3d& normal = hit->normal_in_world;
-    plane.normal += std::copysign(1, normal.dot(axis.direction_in_world)) * normal.normalized();
+  const Eigen::Vector3d& axis = rays.front().direction_in_world;
+  std::vector<Eigen::Vector3d> points;
+  Eigen::Vector3d normal = Eigen::Vector3d::Zero();
+  for (size_t i = 0; i < hits.size(); ++i) {
+    if (!hits[i]) continue;
+    points.emplace_back(rays[i].origin_in_world + hits[i]->ray_t * rays[i].direction_in_world);
+    const Eigen::Vector3d& of_hit = hits[i]->normal_in_world;
+    normal += std::copysign(1, of_hit.dot(axis)) * of_hit.normalized();
   }
-  return plane;
+  double sum = 0;
+  for (const Eigen::Vector3d& point : points) {
+    sum += std::pow(normal.dot(point - points.front()) / normal.dot(axis), 2);
+  }
+  return RangePrior::Plane{points.front(), normal,
+                           std::sqrt(sum / static_cast<double>(points.size()))};
 }
 
 // The options with what the scene's calibration knows and they do not say.
@@ -260,7 +267,7 @@ PoseEstimate Localizer::EstimateProblem(PoseProblem& problem) const {
   auto& range = problem.priors.range;
   const std::shared_ptr<const RayCaster> surface = range ? scene_->Surface() : nullptr;
   for (int i = 0; i < kLooks && surface != nullptr && estimate.cam_from_world; ++i) {
-    range->plane = PlaneAhead(*surface, *estimate.cam_from_world);
+    range->plane = PlaneAhead(*surface, estimate, range->range);
     if (!range->plane) break;
     estimate = estimator_->Estimate(problem);
   }

@@ -267,6 +267,31 @@ TEST(AssumedLens, IsFoundWithThePoseAndStandsInItsCovariance) {
   }
 }
 
+// How far away all is and the focal length go together: who knows the one knows the other.
+TEST(AssumedLens, ARangeTellsTheFocalLength) {
+  double without = 0, with = 0;  // sums of errors of the focal length's logarithm
+  for (SyntheticProblem& synthetic : OfUnknownLens({9, -7, -0.19, 0.045}, 5)) {
+    PoseProblem& problem = synthetic.problem;
+    const auto estimator = MakePoseEstimator(StandardOptions(Method::kAdaptive));
+    const double focal_px = problem.query_camera.focal_x_px() / 1.3;
+    const auto error = [&](const PoseEstimate& estimate) {
+      return std::abs(std::log(estimate.refined_camera.value().focal_x_px() / focal_px));
+    };
+    const PoseEstimate alone = estimator->Estimate(problem);
+    const double sigma = std::sqrt(alone.covariance.value()(5, 5));  // along the axis
+    const Rigid3& truth = synthetic.query_from_world;
+    const Eigen::Vector3d axis = truth.rotation.conjugate() * Eigen::Vector3d::UnitZ();
+    problem.priors.range = {.range = 5,
+                            .sigma = sigma / 10,
+                            .plane = RangePrior::Plane{truth.OriginInSource() + 5 * axis, axis}};
+    const PoseEstimate ranged = estimator->Estimate(problem);
+    EXPECT_LT(std::sqrt(ranged.covariance.value()(5, 5)), sigma / 3);
+    without += error(alone);
+    with += error(ranged);
+  }
+  EXPECT_LT(with, without / 2) << with << " against " << without;
+}
+
 // Without points nothing tells the lens: a pose is not sure, however well its matches fit.
 TEST(AssumedLens, LeavesPosesDoubtfulThatNoPointTells) {
   for (SyntheticProblem& synthetic : OfUnknownLens({9, -7, -0.19, 0.045}, 3)) {

@@ -312,7 +312,7 @@ TEST(PoseProblemJson, PriorsComeBack) {
       .gravity = GravityPrior{{0.1, 1, 0}, {0, 0, -1}, 0.5},
       .heading = HeadingPrior{{0, 1, 0}, {1, 0.1, 0}, {0, 0, -1}, 12},
       .orientation = OrientationPrior{Eigen::Quaterniond(0.6, 0, 0.8, 0), 3},
-      .range = RangePrior{12.1, 0.2, RangePrior::Plane{{1, 2, 3}, {0, 0.1, -1}}},
+      .range = RangePrior{12.1, 0.2, RangePrior::Plane{{1, 2, 3}, {0, 0.1, -1}, 0.7}},
       .focal_range = 1.5,
   };
   const std::string text = FormatPoseProblem(file);
@@ -333,6 +333,7 @@ TEST(PoseProblemJson, PriorsComeBack) {
   EXPECT_EQ(read.range->sigma, 0.2);
   EXPECT_EQ(read.range->plane->point, Eigen::Vector3d(1, 2, 3));
   EXPECT_EQ(read.range->plane->normal, Eigen::Vector3d(0, 0.1, -1));
+  EXPECT_EQ(read.range->plane->sigma, 0.7);
   EXPECT_EQ(read.focal_range, 1.5);
   file.problem.priors = {.focal_sigma = 0.03};
   EXPECT_EQ(ParsePoseProblem(FormatPoseProblem(file), "p.json").problem.priors.focal_sigma, 0.03);
@@ -379,7 +380,7 @@ TEST(PoseProblemJson, WrongValuesAreNamedByTheirPath) {
                 {"p.json: query.gravity_prior.down_in_cam: expected a direction"});
   ExpectFailure("\"query\": {",
                 "\"query\": {\"range_prior\": {\"range\": 0, \"sigma\": 1, \"point\": [0, 0, 0], "
-                "\"normal\": [0, 0, 1]}, ",
+                "\"normal\": [0, 0, 1], \"plane_sigma\": 0}, ",
                 {"p.json: query.range_prior.range: expected a positive range"});
   ExpectFailure("\"query\": {", "\"query\": {\"other_cameras\": [{\"name\": \"b\"}], ",
                 {"p.json: query.other_cameras[0]: the member \"camera\" is missing"});

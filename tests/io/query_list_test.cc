@@ -68,7 +68,8 @@ TEST(QueryList, ExifTellsTheFocalLengthOfAPhotographOfUnknownCamera) {
 }
 
 TEST(QueryList, ALensIsThatOfTheDronesCalibrationWhereNothingContradictsIt) {
-  const LensTags lens{.calibration = {{4000, 4010, 20, -10, -0.1, 0.02, 0.001, 0.002, -0.01}},
+  const LensTags lens{.film_mm = std::nullopt,
+                      .calibration = {{4000, 4010, 20, -10, -0.1, 0.02, 0.001, 0.002, -0.01}},
                       .taken_width_px = 5280};
   // Of a photograph of half the size.
   const Query query = QueryOfUnknownCamera("a", {2640, 1978}, lens);

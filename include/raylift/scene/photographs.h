@@ -101,6 +101,7 @@ struct RangePrior {
   struct Plane {
     Eigen::Vector3d point;
     Eigen::Vector3d normal;  // any length but 0
+    double sigma = 0;        // of the surface's distance from it along the axis, as on edges
   };
   std::optional<Plane> plane = std::nullopt;
 };

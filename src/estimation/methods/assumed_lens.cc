@@ -131,6 +131,22 @@ Equations Linearize(const std::vector<WeightedMatch>& matches, const Camera& cam
   return equations;
 }
 
+// Adds what is known of the pose, whose steps are local there and in scene units here.
+void AddPosePriors(const NormalizedProblem& normalized, const Rigid3& pose, Equations& equations) {
+  if (normalized.priors.empty()) return;
+  Vector6d local_from_scene = Vector6d::Ones();
+  local_from_scene.tail<3>() /= normalized.scale;
+  const UnknownMatrix covariance = equations.hessian.ldlt().solve(UnknownMatrix::Identity());
+  const Matrix6d of_pose = local_from_scene.asDiagonal() * covariance.topLeftCorner<6, 6>() *
+                           local_from_scene.asDiagonal();
+  if (!of_pose.allFinite()) return;
+  NormalEquations local;
+  normalized.priors.AddTo(normalized.ToLocal(pose), of_pose, local);
+  equations.hessian.topLeftCorner<6, 6>() +=
+      local_from_scene.asDiagonal() * local.hessian * local_from_scene.asDiagonal();
+  equations.gradient.head<6>() += local_from_scene.cwiseProduct(local.gradient);
+}
+
 }  // namespace
 
 bool LensIsAssumed(const Camera& camera, const PosePriors& priors) {
@@ -151,7 +167,8 @@ Camera WithRadialMoved(const Camera& camera, double by) {
 
 double RadialTerm(const Camera& camera) { return camera.params()[kRadial]; }
 
-std::optional<AssumedLens> RefineAssumedLens(const PoseProblem& problem, const Repeats& repeats,
+std::optional<AssumedLens> RefineAssumedLens(const PoseProblem& problem,
+                                             const NormalizedProblem& normalized,
                                              const Camera& start, const Rigid3& cam_from_world,
                                              const Camera& assumed, double range,
                                              double threshold_px) {
@@ -166,12 +183,13 @@ std::optional<AssumedLens> RefineAssumedLens(const PoseProblem& problem, const R
   Rigid3 pose = cam_from_world;
   for (int round = 0; round < kRounds; ++round) {
     const std::vector<WeightedMatch> matches =
-        MatchesNear(problem, repeats, camera, pose, threshold_px);
+        MatchesNear(problem, normalized.repeats, camera, pose, threshold_px);
     if (matches.empty()) break;
     Equations equations = Linearize(matches, camera, pose);
     const LensVector offset = OffsetOf(camera, assumed);
     equations.hessian.diagonal().tail<kLensSize>() += information;
     equations.gradient.tail<kLensSize>() += information.cwiseProduct(offset);
+    AddPosePriors(normalized, pose, equations);
     const Eigen::LDLT<UnknownMatrix> factors(equations.hessian);
     UnknownVector step = -factors.solve(equations.gradient);
     if (!step.allFinite() || std::abs(step[6]) > 1) break;

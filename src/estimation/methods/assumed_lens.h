@@ -6,7 +6,7 @@
 #include <optional>
 
 #include "estimation/problem/cam_from_local.h"
-#include "estimation/problem/repeats.h"
+#include "estimation/problem/normalized_problem.h"
 
 #include "raylift/geometry/camera.h"
 #include "raylift/geometry/rigid3.h"
@@ -35,11 +35,12 @@ struct AssumedLens {
   Matrix6d pose_covariance;
 };
 
-// Takes Gauss-Newton's steps of lens and pose on the 2D-3D matches and what is known of lenses,
-// from a lens (RADIAL) and a pose that they fit. The focal length is within a factor of `range` of
-// that of `assumed`. Where the matches tell little, the lens stays as uncertain as lenses are;
-// nullopt if there are too few.
-std::optional<AssumedLens> RefineAssumedLens(const PoseProblem& problem, const Repeats& repeats,
+// Takes Gauss-Newton's steps of lens and pose on the 2D-3D matches and what is known of lenses and of
+// the pose, from a lens (RADIAL) and a pose that they fit. The focal length is within a factor of
+// `range` of that of `assumed`. Where the matches tell little, the lens stays as uncertain as lenses
+// are; nullopt if there are too few. `normalized` is of the problem with any camera.
+std::optional<AssumedLens> RefineAssumedLens(const PoseProblem& problem,
+                                             const NormalizedProblem& normalized,
                                              const Camera& start, const Rigid3& cam_from_world,
                                              const Camera& assumed, double range,
                                              double threshold_px);

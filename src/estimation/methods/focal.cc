@@ -259,8 +259,8 @@ FocalRefinement RefineFocal(const PoseProblem& problem, const Rigid3& cam_from_w
   if (LensIsAssumed(problem.query_camera, problem.priors)) {
     const Camera assumed = WithRadialTerms(WithFocalScaled(problem.query_camera, std::exp(middle)));
     const auto lens =
-        RefineAssumedLens(problem, Prepare(problem, options).repeats, best.camera,
-                          best.cam_from_world, assumed, range, options.reprojection_threshold_px);
+        RefineAssumedLens(problem, Prepare(problem, options), best.camera, best.cam_from_world,
+                          assumed, range, options.reprojection_threshold_px);
     if (!lens) return {best.camera, std::nullopt};
     return {lens->camera, lens->pose_covariance};
   }

@@ -117,15 +117,16 @@ NormalizedPriors::NormalizedPriors(const PosePriors& priors, const Vector3d& ori
   }
   if (priors.range && priors.range->plane) {
     const RangePrior& prior = *priors.range;
+    const double sigma = std::hypot(prior.sigma, prior.plane->sigma);
     if (!(prior.range > 0) || !std::isfinite(prior.range) || !(prior.sigma >= 0) ||
-        !std::isfinite(prior.sigma) || !prior.plane->point.allFinite()) {
+        !std::isfinite(sigma) || !prior.plane->point.allFinite()) {
       throw InputError(
           "range prior: expected a positive range, a standard deviation of at least 0 and a plane");
     }
     range_ = {.point = (prior.plane->point - origin_in_world) / scale,
               .normal = Direction(prior.plane->normal, "range", "normal"),
               .range = prior.range / scale,
-              .sigma = std::max(prior.sigma / scale, kExact)};
+              .sigma = std::max(sigma / scale, kExact)};
     // Over any range within reach.
     range_log_peak_ = std::log(kReach * furthest) - 0.5 * std::log(2 * std::numbers::pi) -
                       std::log(range_->sigma);
@@ -138,6 +139,14 @@ double NormalizedPriors::Term::LogEvidence() const {
 
 double NormalizedPriors::Term::Probability() const {
   return std::exp(LogRight(LogDensity(residual, log_peak)) - LogEvidence());
+}
+
+// The residual r has the covariance S = I + J C J' then.
+double NormalizedPriors::Term::Probability(const Matrix6d& covariance) const {
+  const Matrix3d spread = Matrix3d::Identity() + jacobian * covariance * jacobian.transpose();
+  const double log_density = log_peak - 0.5 * std::log(spread.determinant()) -
+                             0.5 * residual.dot(spread.ldlt().solve(residual));
+  return std::exp(LogRight(log_density) - LogMixture(log_density));
 }
 
 double NormalizedPriors::Term::Shortfall() const { return LogMixture(log_peak) - LogEvidence(); }
@@ -266,6 +275,16 @@ double NormalizedPriors::WorstCost() const {
           shortfall(heading_.has_value(), heading_log_peak_) +
           shortfall(orientation_.has_value(), orientation_log_peak_) +
           shortfall(range_.has_value(), range_log_peak_));
+}
+
+void NormalizedPriors::AddTo(const CamFromLocal& pose, const Matrix6d& covariance,
+                             NormalEquations& equations) const {
+  for (const auto& term : Terms(pose)) {
+    if (!term) continue;
+    const double right = term->Probability(covariance);
+    equations.hessian += right * term->jacobian.transpose() * term->jacobian;
+    equations.gradient += right * term->jacobian.transpose() * term->residual;
+  }
 }
 
 void NormalizedPriors::AddTo(const CamFromLocal& pose, double weight,

@@ -55,6 +55,10 @@ class NormalizedPriors {
   // Adds what pulls at the pose by a step (w, v) in the camera's tangent frame, with a residual's
   // square over its variance as its cost.
   void AddTo(const CamFromLocal& pose, double weight, NormalEquations& equations) const;
+  // The same of a pose that is as uncertain as this covariance of a step says, as where the lens is
+  // found with it: a prior is not wrong that the pose may yet come to. Without the cost.
+  void AddTo(const CamFromLocal& pose, const Matrix6d& covariance,
+             NormalEquations& equations) const;
 
  private:
   struct Heading {
@@ -81,7 +85,8 @@ class NormalizedPriors {
 
     double LogEvidence() const;
     double Probability() const;  // that the prior is right
-    double Shortfall() const;    // of the evidence from its greatest
+    double Probability(const Matrix6d& covariance) const;
+    double Shortfall() const;  // of the evidence from its greatest
 
     void AddTo(double weight, NormalEquations& equations) const;
   };

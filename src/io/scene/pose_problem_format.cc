@@ -140,10 +140,11 @@ std::string PriorsText(const PosePriors& priors) {
                         RotationText(prior->cam_from_world), NumberText(prior->sigma_deg));
   }
   if (const auto& prior = priors.range; prior && prior->plane) {
-    text +=
-        fmt::format(R"(, "range_prior": {{"range": {}, "sigma": {}, "point": {}, "normal": {}}})",
-                    NumberText(prior->range), NumberText(prior->sigma),
-                    NumbersText(prior->plane->point), NumbersText(prior->plane->normal));
+    text += fmt::format(
+        R"(, "range_prior": {{"range": {}, "sigma": {}, "point": {}, "normal": {}, )"
+        R"("plane_sigma": {}}})",
+        NumberText(prior->range), NumberText(prior->sigma), NumbersText(prior->plane->point),
+        NumbersText(prior->plane->normal), NumberText(prior->plane->sigma));
   }
   if (priors.focal_range != 1) text += ", \"focal_range\": " + NumberText(priors.focal_range);
   if (priors.focal_sigma) text += ", \"focal_sigma\": " + NumberText(*priors.focal_sigma);

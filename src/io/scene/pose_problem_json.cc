@@ -205,13 +205,15 @@ PosePriors ReadPriors(const JsonPlace& query) {
   if (query.Has("range_prior")) {
     const JsonPlace place = query.Member("range_prior");
     const JsonPlace range = place.Member("range");
-    const JsonPlace sigma = place.Member("sigma");
-    priors.range = {.range = range.Number(),
-                    .sigma = sigma.Number(),
-                    .plane = RangePrior::Plane{place.Member("point").Vector<3>(),
-                                               ReadDirection(place.Member("normal"))}};
+    const JsonPlace sigma = place.Member("sigma"), of_plane = place.Member("plane_sigma");
+    priors.range = {
+        .range = range.Number(),
+        .sigma = sigma.Number(),
+        .plane = RangePrior::Plane{place.Member("point").Vector<3>(),
+                                   ReadDirection(place.Member("normal")), of_plane.Number()}};
     if (!(priors.range->range > 0)) range.Fail("expected a positive range");
     if (!(priors.range->sigma >= 0)) sigma.Fail("expected a standard deviation");
+    if (!(priors.range->plane->sigma >= 0)) of_plane.Fail("expected a standard deviation");
   }
   if (query.Has("focal_range")) {
     const JsonPlace place = query.Member("focal_range");
