@@ -61,16 +61,6 @@ std::string RigText(const RigMount& mount) {
          NumbersText(mount.cam_from_rig.translation);
 }
 
-std::string QueriesFingerprint(std::span<const Query> queries) {
-  std::string text;
-  for (const Query& query : queries) {
-    text += query.name + ' ' + query.camera.ToString() + PriorsText(query.priors);
-    if (query.rig) text += RigText(*query.rig);
-    text += '\n';
-  }
-  return HashOf(queries.size(), text);
-}
-
 std::string ReferencesFingerprint(const ReferenceSet& references) {
   std::string text;
   for (const PosedImage& image : references.images) {
@@ -114,6 +104,16 @@ std::string GeometryFingerprint(const SceneSource& source, const SceneInputs& in
 }
 
 }  // namespace
+
+std::string QueriesFingerprint(std::span<const Query> queries) {
+  std::string text;
+  for (const Query& query : queries) {
+    text += query.name + ' ' + query.camera.ToString() + PriorsText(query.priors);
+    if (query.rig) text += RigText(*query.rig);
+    text += '\n';
+  }
+  return HashOf(queries.size(), text);
+}
 
 void JobFlags::Check() const {
   if (resume && overwrite) throw OptionError("give at most one of --resume and --overwrite");

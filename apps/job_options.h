@@ -50,6 +50,9 @@ std::string JobHeader(nlohmann::ordered_json options, size_t tasks,
 // The effective options but for those that say how the work is shared and gone on with.
 std::string OptionsOfResults(const std::string& options_json);
 
+// Returns what stands for the queries: their names, cameras, priors and places on rigs.
+std::string QueriesFingerprint(std::span<const Query> queries);
+
 // What a scene and its queries are read from.
 struct SceneInputs {
   std::filesystem::path model;  // empty: the references are rendered

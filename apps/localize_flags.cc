@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "apps/argument_files.h"
+#include "apps/job_options.h"
 #include "apps/options.h"
 #include "base/hash.h"
 #include "io/text/line_tokens.h"
@@ -143,6 +144,10 @@ void CheckQueries(const LocalizeFlags& flags) {
     if (flags.queries.empty()) {
       throw OptionError("--queries is required (or --leave-one-out)");
     }
+    if (flags.PriorsOfPhotographs() && !flags.world &&
+        std::ranges::none_of(flags.geometry.specs, &MayNameSystem)) {
+      throw OptionError("--priors", "exif", "needs --crs, what the world's coordinates are");
+    }
     if (flags.PriorsOfPhotographs() && flags.QueryImages().empty()) {
       throw OptionError("--priors", "exif", "needs --query-images or --images");
     }
@@ -257,7 +262,8 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags, const char* out
   queries.Add("--queries", flags.queries,
               "List of queries: name MODEL width height params... [focal_sigma S], S the focal\n"
               "length's standard deviation as a share of it; where a name stands\n"
-              "alone, the focal length is found with the pose. Or the photographs' folder");
+              "alone, the focal length is found with the pose, unless a drone wrote its lens's\n"
+              "calibration. Or the photographs' folder");
   queries.Flag("--leave-one-out", flags.leave_one_out,
                "The queries are the references: each is localized by the others");
   queries.Add("--query-images", flags.query_images,
@@ -269,7 +275,8 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags, const char* out
               "and an orientation), `name gravity x y z sigma_deg` (down in the camera's frame),\n"
               "`name heading deg sigma_deg` (clockwise from north),\n"
               "`name orientation qw qx qy qz sigma_deg` (world to camera),\n"
-              "`name range r sigma` (along the optical axis to the surface, by a laser),\n"
+              "`name range r sigma [m]` (along the optical axis to the surface, by a laser;\n"
+              "in scene units or m),\n"
               "`name focal_range F` (the focal length, up to a factor),\n"
               "`name focal_sigma S` (its standard deviation as a share of it),\n"
               "`* world_down x y z` (default: 0 0 -1), `* world_north x y z` (0 1 0);\n"
@@ -414,9 +421,8 @@ std::string ContinuousRunKey(const std::string& options_json, const ReferenceSet
     text += fmt::format("\n{} {} {} {} {} {} {} {} {}", image.name, image.camera.ToString(), q.w(),
                         q.x(), q.y(), q.z(), t.x(), t.y(), t.z());
   }
-  for (const size_t i : order) {
-    text += fmt::format("\n{} {}", queries[i].name, queries[i].camera.ToString());
-  }
+  text += '\n' + QueriesFingerprint(queries);
+  for (const size_t i : order) text += fmt::format(" {}", i);
   return HexText(HashBytes64(text));
 }
 

@@ -8,6 +8,7 @@
 
 #include "base/progress.h"
 #include "lifting/alignment_text.h"
+#include "lifting/mesh_spec.h"
 #include "localization/alignment/edge_aligner.h"
 #include "localization/checks/run_checks.h"
 #include "localization/rerender.h"
@@ -64,21 +65,44 @@ Scene RenderSceneWithProgress(const std::string& mesh_spec, const Subsampling& s
 }
 
 // Says how far apart a point of the world is in both systems, where that is more than what they
-// may differ by for one place.
-std::optional<std::string> WarnOfPlace(const WorldFrame& given, const WorldFrame& named,
-                                       const Eigen::Vector3d& point) {
+// may differ by for one place; where one of them knows no heights, they are not compared.
+std::optional<std::string> WarnOfPlace(const WorldFrame& world, const WorldFrame& of_file,
+                                       const std::string& spec, const Eigen::Vector3d& point) {
   constexpr double kSamePlace = 1;
-  const std::string what =
-      fmt::format("--crs says {}, but the geometry's files {}", given.text, named.text);
+  const std::string what = fmt::format("the world's coordinates are {}, but those of {} are {}",
+                                       world.text, spec, of_file.text);
   try {
-    const CrsTransform transform(named.crs, given.crs);
-    const Eigen::Vector3d between = transform(named.origin + point) - (given.origin + point);
-    const double apart = between.head<2>().norm();
-    if (apart <= kSamePlace) return std::nullopt;
-    return fmt::format("{}: that is {:.0f} m away", what, apart);
+    const CrsTransform transform(of_file.crs, world.crs);
+    Eigen::Vector3d between = transform(of_file.origin + point) - (world.origin + point);
+    if (of_file.crs.has_heights() != world.crs.has_heights()) between.z() = 0;
+    if (between.norm() <= kSamePlace) return std::nullopt;
+    return fmt::format("{}: a place there is {:.0f} units away", what, between.norm());
   } catch (const InputError& error) {
     return fmt::format("{}: {}", what, error.what());
   }
+}
+
+// Says why the references cannot be in the system of a mesh's file.
+std::optional<std::string> WarnOfReferences(const WorldFrame& of_file, const Scene& scene) {
+  if (scene.references.images.empty()) return std::nullopt;
+  const PosedImage& image = scene.references.images.front();
+  try {
+    of_file.crs.Check(of_file.origin + image.cam_from_world.OriginInSource());
+    return std::nullopt;
+  } catch (const InputError& error) {
+    return fmt::format("a mesh's file names {}, where reference {} is not: {}", of_file.text,
+                       image.name, error.what());
+  }
+}
+
+// Returns the specifications of tilesets that would be led to the system, but stay around a center
+// of their own.
+std::vector<std::string> LeftAlone(const Scene& scene, const WorldFrame& world) {
+  std::vector<std::string> left;
+  for (const SceneSource& source : scene.sources) {
+    if (InWorld({source.spec}, world).front() != source.spec) left.push_back(source.spec);
+  }
+  return left;
 }
 
 // A mesh that needs no references.
@@ -141,14 +165,26 @@ Scene OpenSceneOf(const LocalizeFlags& flags, std::span<const Query> queries) {
 }
 
 std::optional<WorldFrame> WorldOf(const std::optional<WorldFrame>& given, Scene& scene) {
-  const auto mesh = scene.MeshOnEarth();
-  if (mesh == nullptr) return given;
-  const WorldFrame of_files = WorldFrame::Parse(mesh->mesh().crs);
-  if (!given) return of_files;
-  if (auto warning = WarnOfPlace(*given, of_files, mesh->mesh().origin_in_world)) {
-    scene.warnings.push_back(std::move(*warning));
+  std::optional<WorldFrame> world = given;
+  for (const SceneSource& source : scene.sources) {
+    const auto& caster = source.geometry.mesh;
+    if (caster == nullptr || caster->mesh().crs.empty()) continue;
+    WorldFrame of_file = WorldFrame::Parse(caster->mesh().crs);
+    of_file.is_of_file = true;
+    std::optional<std::string> warning;
+    if (world) {
+      warning = WarnOfPlace(*world, of_file, source.spec, caster->mesh().origin_in_world);
+    } else if (const auto left = LeftAlone(scene, of_file); !left.empty()) {
+      warning =
+          fmt::format("{} is around a center of its own, {} in {}: crs= or --crs leads it there",
+                      left.front(), source.spec, of_file.text);
+    } else {
+      warning = WarnOfReferences(of_file, scene);
+      if (!warning) world = std::move(of_file);
+    }
+    if (warning) scene.warnings.push_back(std::move(*warning));
   }
-  return given;
+  return world;
 }
 
 Scene WithKnownCalibration(const LocalizeFlags& flags, Scene scene) {
@@ -190,9 +226,11 @@ LocalizeInputs OpenLocalizeInputs(const LocalizeFlags& flags) {
     inputs.scene.warnings.insert(inputs.scene.warnings.end(), warnings.begin(), warnings.end());
   }
   const auto has_range = [](const Query& query) { return query.priors.range.has_value(); };
-  if (std::ranges::any_of(inputs.queries, has_range) && inputs.scene.Surface() == nullptr) {
+  const bool uses_ranges = inputs.scene.Surface() != nullptr && !flags.AlignsEdges();
+  if (std::ranges::any_of(inputs.queries, has_range) && !uses_ranges) {
     inputs.scene.warnings.emplace_back(
-        "--priors: ranges say nothing, as no --geometry is a mesh, surface model, cloud or splats");
+        "--priors: ranges say nothing to --align edges, nor where no --geometry is a mesh, surface "
+        "model, cloud or splats");
   }
   if (!flags.rigs.empty()) TakeRigs(flags.rigs, inputs.queries);
   if (auto warning = WarnOfAssumedLenses(inputs.queries)) {

@@ -179,8 +179,8 @@ void RefuseWith(std::string_view other, std::initializer_list<GivenOption> optio
 
 void AddCrsOption(const OptionGroup& group, std::optional<WorldFrame>& world) {
   group.AddParsed("--crs", world, AsOption(&WorldFrame::Parse),
-                  "What the world's coordinates are, where a surface or city model does not\n"
-                  "say it itself: EPSG:25832, with heights EPSG:25832+7837;\n"
+                  "What the world's coordinates are (localize knows it of surface and city\n"
+                  "models): EPSG:25832, with heights EPSG:25832+7837;\n"
                   "EPSG:25832@X,Y,Z where X,Y,Z were taken off all of them");
 }
 

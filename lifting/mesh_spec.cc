@@ -298,6 +298,16 @@ MeshSpec ParseMeshSpec(const std::string& spec, MeshUse use) {
   return mesh;
 }
 
+bool MayNameSystem(const std::string& spec) {
+  if (spec.starts_with(kHeightFieldPrefix)) return true;
+  if (!spec.starts_with(kPrefix)) return false;
+  const SpecKeys keys(spec, std::string_view(spec).substr(kPrefix.size()));
+  const auto is_city_model = [](const std::filesystem::path& file) {
+    return MeshKindOf(file) == MeshKind::kCityModel;
+  };
+  return keys.Has("crs") || std::ranges::any_of(ListMeshFiles(keys.path()), is_city_model);
+}
+
 std::vector<std::string> InWorld(std::vector<std::string> specs,
                                  const std::optional<WorldFrame>& world) {
   if (!world) return specs;

@@ -92,6 +92,9 @@ bool IsMeshSpec(std::string_view spec);
 // OptionError where the specification is not one of a mesh, or has an unknown key or value.
 MeshSpec ParseMeshSpec(const std::string& spec, MeshUse use);
 
+// Returns whether the mesh may name the system of its coordinates (TriangleMesh::crs).
+bool MayNameSystem(const std::string& spec);
+
 // Returns specifications of which those of earth-centered 3D Tiles that do not say crs= are led to
 // the world's system. Throws InputError where such a file cannot be read.
 std::vector<std::string> InWorld(std::vector<std::string> specs,

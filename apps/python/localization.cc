@@ -177,6 +177,7 @@ Query AskedQuery(const std::string& name, const CameraArgument& camera, PosePrio
   if (camera) return {name, ToCamera(*camera), std::move(priors)};
   const Query query = unknown();
   if (priors.focal_range == 1) priors.focal_range = query.priors.focal_range;
+  if (!priors.focal_sigma) priors.focal_sigma = query.priors.focal_sigma;
   return {name, query.camera, std::move(priors)};
 }
 
@@ -435,7 +436,8 @@ Raises OptionError for an option out of range.)")
           R"(One query: a photograph, (H, W) or (H, W, 3) uint8, RGB, or its file; or features, a dict
 with keypoints (N, 2) and descriptors (N, D), as the references have. Priors and focal_...
 as of raylift.Query. camera=None: of a photograph, the lens is found with the pose
-(estimate.refined_camera), near the focal length that EXIF tells where it does.
+(estimate.refined_camera), near the focal length that EXIF tells where it does; or it is
+the calibration that a drone wrote.
 
 Returns a LocalizedQuery. Raises InputError where a photograph is not of the camera's size.)")
       .def(

@@ -265,10 +265,12 @@ PoseEstimate Localizer::EstimateProblem(PoseProblem& problem) const {
   constexpr int kLooks = 2;  // the second is from where the range has put the camera
   PoseEstimate estimate = estimator_->Estimate(problem);
   auto& range = problem.priors.range;
-  const std::shared_ptr<const RayCaster> surface = range ? scene_->Surface() : nullptr;
+  // Of another's estimator nobody knows whether it asks for ranges.
+  const auto surface = range && own_estimator_ ? scene_->Surface() : nullptr;
   for (int i = 0; i < kLooks && surface != nullptr && estimate.cam_from_world; ++i) {
-    range->plane = PlaneAhead(*surface, estimate, range->range);
-    if (!range->plane) break;
+    const auto plane = PlaneAhead(*surface, estimate, range->range);
+    if (!plane) break;
+    range->plane = plane;
     estimate = estimator_->Estimate(problem);
   }
   return estimate;

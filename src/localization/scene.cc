@@ -56,14 +56,6 @@ std::shared_ptr<const RayCaster> Scene::Surface() const {
   return nullptr;
 }
 
-std::shared_ptr<const RayCaster> Scene::MeshOnEarth() const {
-  for (const SceneSource& source : sources) {
-    const auto& mesh = source.geometry.mesh;
-    if (mesh != nullptr && !mesh->mesh().crs.empty()) return mesh;
-  }
-  return nullptr;
-}
-
 std::vector<std::shared_ptr<const GeometrySource>> Scene::Geometry() const {
   std::vector<std::shared_ptr<const GeometrySource>> geometry;
   for (const SceneSource& source : sources) geometry.push_back(source.geometry.source);

@@ -151,11 +151,11 @@ void CityMesh::CheckPlace(const std::string& field, const std::string& system) {
         path_, field,
         fmt::format("coordinates in degrees ({}): expected a projected system", crs->definition()));
   }
-  mesh_.crs = crs->definition();
   if (mesh_.positions.empty() || !IsUsablePosition(mesh_.positions.front())) return;
   const Eigen::Vector3d& p = mesh_.positions.front();
   try {
     crs->Check(p);
+    mesh_.crs = crs->definition();
     if (!NamesOrderOfAuthority(system) || !NorthingsComeFirst(*crs)) return;
     if (!Fits(*crs, {p.y(), p.x(), p.z()})) return;
     Warn(fmt::format(

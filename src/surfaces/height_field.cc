@@ -148,8 +148,9 @@ void RequireSameSystem(const OpenedTiff& a, const OpenedTiff& b) {
 }
 
 // Returns the system that the file names, with that of its heights where it names one that PROJ
-// knows; empty where it names none.
-std::string SystemOf(const OpenedTiff& tiff, std::vector<std::string>& warnings) {
+// knows; empty where it names none, or one that is not meant for where it lies.
+std::string SystemOf(const OpenedTiff& tiff, const Vector3d& vertex,
+                     std::vector<std::string>& warnings) {
   const auto code_of = [&tiff](uint16_t key) {
     const auto code = KeyOf(tiff.header.place, key);
     return code == kUserDefined ? std::nullopt : code;
@@ -157,11 +158,13 @@ std::string SystemOf(const OpenedTiff& tiff, std::vector<std::string>& warnings)
   const auto map = code_of(kProjectedSystem), heights = code_of(kVerticalSystem);
   if (!map) return {};
   try {
-    const std::string of_map = Crs(fmt::format("EPSG:{}", *map)).definition();
+    const Crs of_map(fmt::format("EPSG:{}", *map));
+    of_map.Check(vertex);
     try {
-      return heights ? Crs(fmt::format("{}+{}", of_map, *heights)).definition() : of_map;
+      return heights ? Crs(fmt::format("{}+{}", of_map.definition(), *heights)).definition()
+                     : of_map.definition();
     } catch (const InputError&) {
-      return of_map;
+      return of_map.definition();
     }
   } catch (const InputError& error) {
     warnings.push_back(fmt::format("{}: {}", tiff.file.string(), error.what()));
@@ -411,7 +414,7 @@ TriangleMesh ReadHeightField(const std::string& files,
     RequireSameSystem(model.parts.front(), ortho.parts.front());
     AddOrthophoto(ortho, mesh);
   }
-  mesh.crs = SystemOf(model.parts.front(), mesh.warnings);
+  mesh.crs = SystemOf(model.parts.front(), mesh.positions.front(), mesh.warnings);
   return FinishMesh(file, std::move(mesh));
 }
 

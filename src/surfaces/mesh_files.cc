@@ -99,6 +99,19 @@ void AppendLabels(TriangleMesh mesh, TriangleMesh& target) {
   target.num_instances += mesh.num_instances;
 }
 
+// Returns the system that is named by those of the meshes that name one; none where they differ.
+std::string CommonSystem(std::span<const TriangleMesh> meshes, std::vector<std::string>& warnings) {
+  std::string common;
+  for (const TriangleMesh& mesh : meshes) {
+    if (common.empty()) common = mesh.crs;
+    if (mesh.crs.empty() || mesh.crs == common) continue;
+    warnings.push_back(fmt::format("of meshes that are taken as one, one is in {}, another in {}",
+                                   common, mesh.crs));
+    return {};
+  }
+  return common;
+}
+
 void Append(TriangleMesh mesh, const Attributes& attributes, TriangleMesh& target) {
   const size_t first_vertex = target.vertices.size();
   if (mesh.vertices.size() > std::numeric_limits<uint32_t>::max() - first_vertex) {
@@ -219,8 +232,7 @@ TriangleMesh MergeMeshes(std::vector<TriangleMesh> meshes) {
     attributes.faces |= !mesh.triangle_faces.empty();
     attributes.labels |= !mesh.labels.empty();
   }
-  const auto is_of_one = [&](const TriangleMesh& mesh) { return mesh.crs == meshes.front().crs; };
-  if (!meshes.empty() && std::ranges::all_of(meshes, is_of_one)) merged.crs = meshes.front().crs;
+  merged.crs = CommonSystem(meshes, merged.warnings);
   merged.vertices.reserve(num_vertices + 1);  // the ray caster wants room for one more
   merged.triangles.reserve(num_triangles);
   for (TriangleMesh& mesh : meshes) {

@@ -76,18 +76,27 @@ TEST(Localize, TheGeometrysFilesMaySayWhatTheCoordinatesAre) {
       Arguments{"--write-problems", problems, "--overwrite"};
   ASSERT_TRUE(Succeeds(RunRaylift(command)));
   EXPECT_NE(ReadFile(out / "options.json").find("\"crs\": \"EPSG:25832\""), std::string::npos);
-  for (const fs::path& file : ListPoseProblems(problems)) {
-    const PoseProblem problem = ReadPoseProblem(file).problem;
-    if (problem.name != scene.queries[0].name) continue;
-    EXPECT_NEAR(problem.priors.position.value().position.x(), 500000, 1e-3);
-  }
+  const auto easting = [&] {
+    for (const fs::path& file : ListPoseProblems(problems)) {
+      const PoseProblem problem = ReadPoseProblem(file).problem;
+      if (problem.name == scene.queries[0].name)
+        return problem.priors.position.value().position.x();
+    }
+    return 0.0;
+  };
+  EXPECT_NEAR(easting(), 500000, 1e-3);
   const CommandResult elsewhere = RunRaylift(command + Arguments{"--crs", "EPSG:25833"});
   EXPECT_EQ(elsewhere.exit_code, 0);
-  EXPECT_NE(elsewhere.err.find("--crs says EPSG:25833, but the geometry's files EPSG:25832: that "
-                               "is 400"),
+  EXPECT_NE(elsewhere.err.find("the world's coordinates are EPSG:25833, but those of mesh:" +
+                               city.string() + " are EPSG:25832: a place there is 40"),
             std::string::npos)
       << elsewhere.err;
-  EXPECT_TRUE(Succeeds(RunRaylift(command + Arguments{"--crs", "EPSG:32632"})));  // the same place
+  // What the priors say goes before what a file says.
+  WriteFile(priors, "* world_crs EPSG:32632\n" + ReadFile(priors));
+  ASSERT_TRUE(Succeeds(RunRaylift(command)));
+  EXPECT_NEAR(easting(), 500000, 1e-3);
+  EXPECT_TRUE(FailsWith(2, {"--priors", "exif", "needs --crs"},
+                        RunRaylift(LocalizeWithHloc(scene, out) + Arguments{"--priors", "exif"})));
 }
 
 TEST(Localize, AlignmentByEdgesNeedsAPoseOfEachQuery) {

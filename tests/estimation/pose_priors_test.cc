@@ -189,6 +189,11 @@ TEST(PosePriors, ARangeIsMeasuredAlongTheOpticalAxis) {
   EXPECT_NEAR(cost({0, 3, 10}), 0, 1e-12);
   EXPECT_NEAR(cost({2, 0, 9}), 0, 1e-12) << "the ground falls by 1";
   EXPECT_GT(cost({2, 0, 10}), 0.9 * priors.WorstCost());
+  // One that sees the ground edge-on does not get away with that.
+  Eigen::Matrix3d looks_along;
+  looks_along << 1, 0, 2, 0, -std::sqrt(5), 0, 2, 0, -1;
+  looks_along /= std::sqrt(5);
+  EXPECT_GT(priors.Cost({looks_along, Vector3d::Zero()}), 0.2 * priors.WorstCost());
   // Of what the pose itself looks at, agreement is no evidence, but contradiction is.
   const auto evidence = [&](const Vector3d& center) {
     return priors.LogEvidence({looks_down, -(looks_down * center)});

@@ -38,6 +38,12 @@ TEST(PosePriorList, IsReadInAnyOrder) {
   EXPECT_EQ(range->range, 41.5);
   EXPECT_EQ(range->sigma, 0.3);
   EXPECT_FALSE(range->plane);
+  EXPECT_EQ(ReadPosePriors(FileOf("a range 41.5 0.3 m")).at("a").range->range, 41.5);
+  // New York's plane has feet of 12/39.37 m.
+  const auto feet = ReadPosePriors(
+      FileOf("* world_crs EPSG:2263\na position 985000 200000 30 9\na range 12 1.2 m\n"));
+  EXPECT_NEAR(feet.at("a").range->range, 39.37, 0.01);
+  EXPECT_NEAR(feet.at("a").range->sigma, 3.937, 0.001);
 }
 
 // Grid north of zone 15 is .73 degrees east of true north there.
@@ -135,6 +141,7 @@ TEST(PosePriorList, MistakesAreNamedByLineAndField) {
   EXPECT_TRUE(fails("a orientation 1 0 0 0 1\na pose 1 0 0 0 0 0 0 1 1",
                     {"line 2", "pose of \"a\" stands twice"}));
   EXPECT_TRUE(fails("a range 0 1", {"line 1", "range: expected a positive one, found 0"}));
+  EXPECT_TRUE(fails("a range 1 1 ft", {"line 1", "range: expected m", "found \"ft\""}));
   EXPECT_TRUE(fails("a range 1 1\na range 1 1", {"line 2", "range of \"a\" stands twice"}));
   EXPECT_TRUE(fails("a gps 0 0 0 1", {"line 1", "found \"a gps\""}));
   EXPECT_TRUE(fails("a position 1 2 3 1\na position 1 2 3 1",

@@ -835,7 +835,8 @@ class Localizer:
         One query: a photograph, (H, W) or (H, W, 3) uint8, RGB, or its file; or features, a dict
         with keypoints (N, 2) and descriptors (N, D), as the references have. Priors and focal_...
         as of raylift.Query. camera=None: of a photograph, the lens is found with the pose
-        (estimate.refined_camera), near the focal length that EXIF tells where it does.
+        (estimate.refined_camera), near the focal length that EXIF tells where it does; or it is
+        the calibration that a drone wrote.
 
         Returns a LocalizedQuery. Raises InputError where a photograph is not of the camera's size.
         """

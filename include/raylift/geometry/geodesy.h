@@ -62,6 +62,8 @@ struct WorldFrame {
   std::string text;  // that it was parsed from, in one line
   Crs crs;
   Eigen::Vector3d origin = Eigen::Vector3d::Zero();
+  // Nobody has said it, it is that of a mesh's file: who says another one knows better.
+  bool is_of_file = false;
 
   // "EPSG:32615", or with an origin that was taken off all coordinates,
   // "EPSG:32615@576000,5188000,0". Throws InputError, for systems of degrees, too.

@@ -37,8 +37,9 @@ namespace raylift {
 //   # the standard deviations of both
 //   day/004.jpg pose 0.5 0.5 -0.5 0.5 2.5 1.2 -4 1 5
 //   # from the camera's center along its optical axis to the surface, by a laser, and its standard
-//   # deviation
+//   # deviation; in the world's unit, or in meters, where its system tells how long these are
 //   day/002.jpg range 41.3 0.3
+//   day/003.jpg range 41.3 0.3 m
 //   # the camera's focal length is the given one up to this factor either way
 //   day/002.jpg focal_range 1.5
 //   # the focal length's standard deviation as a share of it

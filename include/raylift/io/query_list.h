@@ -30,7 +30,7 @@ namespace raylift {
 // pinhole with the principal point in the middle and a focal length of 1.2 times the longer side,
 // as COLMAP has it, which the query's priors say to be known up to a factor of two; or the one that
 // EXIF says in millimeters on film, up to a factor of 1.2. Where a drone wrote its lens's
-// calibration (DJI's DewarpData), the camera is that (FULL_OPENCV).
+// calibration (DJI's DewarpData), the camera is that (FULL_OPENCV), its focal length right to .5 %.
 // In place of a list, a folder stands for the photographs in and below it, so listed by name: it
 // lies in that of the photographs, or is it where none is given.
 std::vector<Query> ReadQueryList(const std::filesystem::path& path_or_pattern,

@@ -102,9 +102,6 @@ struct Scene {
   std::shared_ptr<const RayCaster> Mesh() const;
   // Returns the first mesh or point cloud, for pictures and retrieval; null where there is none.
   std::shared_ptr<const RayCaster> Surface() const;
-  // Returns the first mesh that names the system of its coordinates (TriangleMesh::crs); null where
-  // none does.
-  std::shared_ptr<const RayCaster> MeshOnEarth() const;
   // The sources to lift by.
   std::vector<std::shared_ptr<const GeometrySource>> Geometry() const;
 };

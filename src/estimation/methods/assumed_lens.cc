@@ -136,10 +136,11 @@ void AddPosePriors(const NormalizedProblem& normalized, const Rigid3& pose, Equa
   if (normalized.priors.empty()) return;
   Vector6d local_from_scene = Vector6d::Ones();
   local_from_scene.tail<3>() /= normalized.scale;
-  const UnknownMatrix covariance = equations.hessian.ldlt().solve(UnknownMatrix::Identity());
+  const Eigen::LLT<UnknownMatrix> factors(equations.hessian);
+  if (factors.info() != Eigen::Success) return;
+  const UnknownMatrix covariance = factors.solve(UnknownMatrix::Identity());
   const Matrix6d of_pose = local_from_scene.asDiagonal() * covariance.topLeftCorner<6, 6>() *
                            local_from_scene.asDiagonal();
-  if (!of_pose.allFinite()) return;
   NormalEquations local;
   normalized.priors.AddTo(normalized.ToLocal(pose), of_pose, local);
   equations.hessian.topLeftCorner<6, 6>() +=

@@ -253,8 +253,11 @@ double NormalizedPriors::LogEvidence(const CamFromLocal& pose) const {
   return sum;
 }
 
-double NormalizedPriors::SilenceOfHeading(const CamFromLocal& pose) const {
-  return heading_ && !HeadingTerm(pose) ? std::max(0.0, LogMixture(heading_log_peak_)) : 0;
+double NormalizedPriors::Silence(const CamFromLocal& pose) const {
+  double sum = 0;
+  if (heading_ && !HeadingTerm(pose)) sum += std::max(0.0, LogMixture(heading_log_peak_));
+  if (range_ && !RangeTerm(pose)) sum += std::max(0.0, LogMixture(range_log_peak_));
+  return sum;
 }
 
 double NormalizedPriors::Cost(const CamFromLocal& pose) const {
@@ -262,7 +265,7 @@ double NormalizedPriors::Cost(const CamFromLocal& pose) const {
   for (const auto& term : Terms(pose)) {
     if (term) sum += term->Shortfall();
   }
-  return 2 * kSquaredSigma * (sum + SilenceOfHeading(pose));
+  return 2 * kSquaredSigma * (sum + Silence(pose));
 }
 
 double NormalizedPriors::WorstCost() const {
@@ -292,7 +295,7 @@ void NormalizedPriors::AddTo(const CamFromLocal& pose, double weight,
   for (const auto& term : Terms(pose)) {
     if (term) term->AddTo(weight, equations);
   }
-  equations.cost += weight * 2 * SilenceOfHeading(pose);
+  equations.cost += weight * 2 * Silence(pose);
 }
 
 }  // namespace raylift

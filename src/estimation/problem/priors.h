@@ -96,9 +96,9 @@ class NormalizedPriors {
   std::optional<Term> OrientationTerm(const CamFromLocal& pose) const;
   std::optional<Term> RangeTerm(const CamFromLocal& pose) const;
   std::array<std::optional<Term>, 5> Terms(const CamFromLocal& pose) const;
-  // What it costs that a heading says nothing of a pose: as where none is known, which is short of
-  // a right one.
-  double SilenceOfHeading(const CamFromLocal& pose) const;
+  // What it costs that a heading or a range says nothing of a pose: as where none is known, which
+  // is short of a right one.
+  double Silence(const CamFromLocal& pose) const;
 
   std::optional<Position> position_;
   std::optional<Gravity> gravity_;

@@ -186,7 +186,7 @@ std::string FormatPhotographPriors(const std::string& photograph, const Photogra
                         FormatDouble(tags.heading_sigma_deg), Text(tags.right_in_cam));
   }
   if (tags.range_m) {
-    text += fmt::format("{} range {} {}\n", name, FormatDouble(*tags.range_m),
+    text += fmt::format("{} range {} {} m\n", name, FormatDouble(*tags.range_m),
                         FormatDouble(kRangeSigma + kRangeSigmaPerMeter * *tags.range_m));
   }
   return text;

@@ -51,6 +51,8 @@ class PriorReader {
   // Down and north in the world where a query is.
   std::pair<Vector3d, Vector3d> DirectionsOf(const std::string& name,
                                              const PosePriors& priors) const;
+  // Units of the world per meter where a query is; 1 where that is not known.
+  double UnitsPerMeter(const PosePriors& priors) const;
   PositionPrior InWorld(const Eigen::Vector3d& point, const Eigen::Vector3d& sigma_m,
                         const std::string& crs);
   void ReadPosition(LineTokens& tokens, PosePriors& priors);
@@ -62,6 +64,7 @@ class PriorReader {
   std::map<std::string, std::pair<Crs, CrsTransform>> transforms_;  // into the world's system
   std::map<std::string, PosePriors> priors_;
   std::map<std::string, double> heading_deg_;
+  std::set<std::string> ranges_in_meters_;
   std::optional<Eigen::Vector3d> down_, north_;
 };
 
@@ -151,7 +154,7 @@ void PriorReader::ReadWorld(LineTokens& tokens, std::string_view kind) {
     if (says_world_) tokens.Fail("world_crs of \"*\" stands twice");
     says_world_ = true;
     const WorldFrame frame = AtLine(tokens, [&] { return WorldFrame::Parse(text); });
-    if (world_ && world_->text != frame.text) {
+    if (world_ && !world_->is_of_file && world_->text != frame.text) {
       tokens.Fail(
           fmt::format("world_crs: expected {}, as elsewhere, found {}", world_->text, frame.text));
     }
@@ -208,6 +211,12 @@ void PriorReader::ReadLine(LineTokens& tokens) {
     const double range = tokens.Double(kind);
     if (!(range > 0)) tokens.Fail(fmt::format("range: expected a positive one, found {}", range));
     priors.range = {.range = range, .sigma = ReadSigma(tokens, "sigma")};
+    if (!tokens.AtEnd()) {
+      if (const auto unit = tokens.Token("unit"); unit != "m") {
+        tokens.Fail(fmt::format("range: expected m or the end of the line, found \"{}\"", unit));
+      }
+      ranges_in_meters_.insert(name);
+    }
   } else if (kind == "focal_range") {
     priors.focal_range = tokens.Double(kind);
     if (!(priors.focal_range > 1 && priors.focal_range <= kMaxFocalRange)) {
@@ -254,8 +263,18 @@ std::pair<Vector3d, Vector3d> PriorReader::DirectionsOf(const std::string& name,
   }
 }
 
+double PriorReader::UnitsPerMeter(const PosePriors& priors) const {
+  if (!world_ || !priors.position) return 1;
+  return LocalFrameAt(world_->crs, world_->origin + priors.position->position).Scale();
+}
+
 std::map<std::string, PosePriors> PriorReader::Finish() {
   for (auto& [name, priors] : priors_) {
+    if (ranges_in_meters_.contains(name)) {
+      const double scale = UnitsPerMeter(priors);
+      priors.range->range *= scale;
+      priors.range->sigma *= scale;
+    }
     const auto [down, north] = DirectionsOf(name, priors);
     if (priors.gravity) priors.gravity->down_in_world = down;
     if (!priors.heading) continue;
@@ -267,6 +286,7 @@ std::map<std::string, PosePriors> PriorReader::Finish() {
     priors.heading->right_in_world =
         std::cos(angle) * east.normalized() - std::sin(angle) * ahead.normalized();
   }
+  ranges_in_meters_.clear();
   return std::exchange(priors_, {});
 }
 
