@@ -58,7 +58,7 @@ TEST(Localize, WhatIsKnownOfAQueryIsPartOfItsProblem) {
       FailsWith(3, {priors.string(), "knows none of the 2 queries"}, RunRaylift(with_priors)));
 }
 
-// A city model says what its coordinates are; a place in other ones is led there.
+// A city model says what its coordinates are, here less an origin; a place in other ones is led there.
 TEST(Localize, TheGeometrysFilesMaySayWhatTheCoordinatesAre) {
   const RoomScene scene = WriteRoomScene(TestFolder());
   const fs::path city = scene.folder / "a.city.json", priors = scene.folder / "priors.txt",
@@ -72,29 +72,32 @@ TEST(Localize, TheGeometrysFilesMaySayWhatTheCoordinatesAre) {
   WriteFile(priors, scene.queries[0].name + " position 9 53.2 12 1 crs=EPSG:4258\n");
   const Arguments command =
       LocalizeWithHloc(scene, out) +
-      Arguments{"--geometry", "mesh:" + city.string(), "--priors", priors, "--no-doctor"} +
+      Arguments{"--geometry", "mesh:" + city.string() + ",shift=-500000/-5900000/0"} +
+      Arguments{"--priors", priors, "--no-doctor"} +
       Arguments{"--write-problems", problems, "--overwrite"};
   ASSERT_TRUE(Succeeds(RunRaylift(command)));
-  EXPECT_NE(ReadFile(out / "options.json").find("\"crs\": \"EPSG:25832\""), std::string::npos);
+  EXPECT_NE(ReadFile(out / "options.json").find("\"crs\": \"EPSG:25832@500000,5900000,0\""),
+            std::string::npos);
   const auto easting = [&] {
     for (const fs::path& file : ListPoseProblems(problems)) {
       const PoseProblem problem = ReadPoseProblem(file).problem;
       if (problem.name == scene.queries[0].name)
         return problem.priors.position.value().position.x();
     }
-    return 0.0;
+    return 1e9;
   };
-  EXPECT_NEAR(easting(), 500000, 1e-3);
-  const CommandResult elsewhere = RunRaylift(command + Arguments{"--crs", "EPSG:25833"});
+  EXPECT_NEAR(easting(), 0, 1e-3);
+  const CommandResult elsewhere =
+      RunRaylift(command + Arguments{"--crs", "EPSG:25833@500000,5900000,0"});
   EXPECT_EQ(elsewhere.exit_code, 0);
-  EXPECT_NE(elsewhere.err.find("the world's coordinates are EPSG:25833, but those of mesh:" +
-                               city.string() + " are EPSG:25832: a place there is 40"),
+  EXPECT_NE(elsewhere.err.find("the world's coordinates are EPSG:25833@500000,5900000,0, but those "
+                               "of mesh:"),
             std::string::npos)
       << elsewhere.err;
   // What the priors say goes before what a file says.
-  WriteFile(priors, "* world_crs EPSG:32632\n" + ReadFile(priors));
+  WriteFile(priors, "* world_crs EPSG:32632@500000,5900000,0\n" + ReadFile(priors));
   ASSERT_TRUE(Succeeds(RunRaylift(command)));
-  EXPECT_NEAR(easting(), 500000, 1e-3);
+  EXPECT_NEAR(easting(), 0, 1e-3);
   EXPECT_TRUE(FailsWith(2, {"--priors", "exif", "needs --crs"},
                         RunRaylift(LocalizeWithHloc(scene, out) + Arguments{"--priors", "exif"})));
 }
