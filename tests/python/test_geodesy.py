@@ -2,6 +2,7 @@
 
 import csv
 import json
+import pickle
 import struct
 import subprocess
 from os import environ
@@ -112,7 +113,8 @@ def photographs(tmp_path: Path) -> Path:
         GimbalYawDegree="+30.00", GimbalPitchDegree="-90.00", GimbalRollDegree="+0.00", RelativeAltitude="+40.5")))
     (folder / "rtk.jpg").write_bytes(jpeg(53.553, 9.903, 90.0, xmp=drone(
         GimbalYawDegree="-150.0", GimbalPitchDegree="-45.0", GimbalRollDegree="0", RtkFlag="50", RtkStdLon="0.1",
-        RtkStdLat="0.2", RtkStdHgt="0.3")))
+        RtkStdLat="0.2", RtkStdHgt="0.3", LRFTargetDistance="41.5",
+        DewarpData="2024-05-01;3000,3001,8,-6,-0.1,0.02,0.001,0.002,-0.01")))
     return folder
 
 
@@ -135,12 +137,21 @@ def test_queries_of_photographs(tmp_path: Path, photographs: Path) -> None:
     assert sigma[:2] == pytest.approx([0.1, 0.2], abs=0.01) and position[2] == pytest.approx(90)
 
     # Straight down: gravity is the optical axis, the image's top looks to 30 degrees from true north.
-    _, _, _, gravity, _, _, _, heading, _ = read["drone.jpg"].__getstate__()
+    _, _, _, gravity, _, _, _, heading, _, unmeasured = read["drone.jpg"].__getstate__()
+    assert unmeasured is None
     assert gravity[0] == pytest.approx([0, 0, 1], abs=1e-9) and heading[0] == pytest.approx([1, 0, 0], abs=1e-9)
     on_map = np.radians(30) - convergence
     assert heading[1] == pytest.approx([np.cos(on_map), -np.sin(on_map), 0], abs=1e-6)
     # Half down: gravity is as much forward as down in the image.
-    assert read["rtk.jpg"].__getstate__()[3][0] == pytest.approx([0, np.sqrt(0.5), np.sqrt(0.5)])
+    rtk = read["rtk.jpg"]
+    assert rtk.__getstate__()[3][0] == pytest.approx([0, np.sqrt(0.5), np.sqrt(0.5)])
+    # The laser's range, in units of the map, with .2 m and .15 %; and the calibrated lens.
+    scale = pyproj.Proj("EPSG:25832").get_factors(9.903, 53.553).meridional_scale
+    assert rtk.__getstate__()[9] == pytest.approx([41.5 * scale, 0.26225 * scale], rel=1e-4)
+    assert "laser range 41.5 m, calibrated lens" in result.stdout
+    assert str(rtk.camera) == "FULL_OPENCV 4096 3072 3000 3001 2056 1530 -0.1 0.02 0.001 0.002 -0.01 0 0 0"
+    assert rtk.focal_sigma == 0.005 and rtk.focal_range == 1 and read["drone.jpg"].focal_range == 2
+    assert pickle.loads(pickle.dumps(rtk)) == rtk
 
 
 def test_photographs_that_say_nothing_or_nonsense(tmp_path: Path) -> None:
