@@ -82,6 +82,9 @@ TEST(QueryList, ALensIsThatOfTheDronesCalibrationWhereNothingContradictsIt) {
   other.film_mm = 40;  // 24 mm would be right: another lens
   EXPECT_EQ(QueryOfUnknownCamera("a", {2640, 1978}, other).priors.focal_range, 1.2);
   other = lens;
+  other.taken_width_px = 1e-306;
+  EXPECT_EQ(QueryOfUnknownCamera("a", {2640, 1978}, other).priors.focal_range, 2);
+  other = lens;
   other.calibration->at(2) = 3000;
   EXPECT_EQ(QueryOfUnknownCamera("a", {2640, 1978}, other).priors.focal_range, 2);
 }

@@ -90,7 +90,9 @@ std::optional<Camera> CalibratedCamera(const PlaneSize& size, const LensTags& le
   const auto& [fx, fy, dx, dy, k1, k2, p1, p2, k3] = *lens.calibration;
   const double scale = lens.taken_width_px ? size.width_px / *lens.taken_width_px : 1;
   const double by_film = FocalLengthByFilm(size, lens).value_or(scale * fx);
-  if (std::abs(std::log(scale * fx / by_film)) > std::log(kExifFocalRange)) return std::nullopt;
+  // Of infinite numbers the ratio is none.
+  const double off = std::abs(std::log(scale * fx / by_film));
+  if (!(off <= std::log(kExifFocalRange)) || !std::isfinite(scale * fy)) return std::nullopt;
   const double x = 0.5 * size.width_px + scale * dx, y = 0.5 * size.height_px + scale * dy;
   if (!(x > 0 && x < size.width_px && y > 0 && y < size.height_px)) return std::nullopt;
   const double params[] = {scale * fx, scale * fy, x, y, k1, k2, p1, p2, k3, 0, 0, 0};
