@@ -151,11 +151,9 @@ double NormalizedPriors::Term::Probability(const Matrix6d& covariance) const {
 
 double NormalizedPriors::Term::Shortfall() const { return LogMixture(log_peak) - LogEvidence(); }
 
-void NormalizedPriors::Term::AddTo(double weight, NormalEquations& equations) const {
-  const double right = weight * Probability();
-  equations.hessian += right * jacobian.transpose() * jacobian;
-  equations.gradient += right * jacobian.transpose() * residual;
-  equations.cost += weight * 2 * Shortfall();
+void NormalizedPriors::Term::AddPull(double weight, NormalEquations& equations) const {
+  equations.hessian += weight * jacobian.transpose() * jacobian;
+  equations.gradient += weight * jacobian.transpose() * residual;
 }
 
 std::optional<NormalizedPriors::Term> NormalizedPriors::PositionTerm(
@@ -283,17 +281,16 @@ double NormalizedPriors::WorstCost() const {
 void NormalizedPriors::AddTo(const CamFromLocal& pose, const Matrix6d& covariance,
                              NormalEquations& equations) const {
   for (const auto& term : Terms(pose)) {
-    if (!term) continue;
-    const double right = term->Probability(covariance);
-    equations.hessian += right * term->jacobian.transpose() * term->jacobian;
-    equations.gradient += right * term->jacobian.transpose() * term->residual;
+    if (term) term->AddPull(term->Probability(covariance), equations);
   }
 }
 
 void NormalizedPriors::AddTo(const CamFromLocal& pose, double weight,
                              NormalEquations& equations) const {
   for (const auto& term : Terms(pose)) {
-    if (term) term->AddTo(weight, equations);
+    if (!term) continue;
+    term->AddPull(weight * term->Probability(), equations);
+    equations.cost += weight * 2 * term->Shortfall();
   }
   equations.cost += weight * 2 * Silence(pose);
 }

@@ -88,7 +88,8 @@ class NormalizedPriors {
     double Probability(const Matrix6d& covariance) const;
     double Shortfall() const;  // of the evidence from its greatest
 
-    void AddTo(double weight, NormalEquations& equations) const;
+    // Adds what pulls at the pose, without its cost.
+    void AddPull(double weight, NormalEquations& equations) const;
   };
   std::optional<Term> PositionTerm(const CamFromLocal& pose) const;
   std::optional<Term> GravityTerm(const CamFromLocal& pose) const;
