@@ -143,6 +143,22 @@ TEST(PosePriors, AHeadingTurnsAboutTheVertical) {
   EXPECT_NEAR(equations.cost * kSquaredSigma, cost(-up, -east), 1e-12);
 }
 
+// Ten standard deviations are too many for a pose that is certain, and few for one that is not.
+TEST(PosePriors, PullsAtPosesThatMayYetComeThere) {
+  const PosePriors known{.position = PositionPrior{{1, 0, 0}, Vector3d::Constant(0.1)}};
+  const NormalizedPriors priors(known, Vector3d::Zero(), 1, {});
+  const CamFromLocal pose{Eigen::Matrix3d::Identity(), Vector3d::Zero()};
+  const auto information = [&](double variance) {
+    Matrix6d covariance = Matrix6d::Zero();
+    covariance.diagonal().tail<3>().setConstant(variance);
+    NormalEquations equations;
+    priors.AddTo(pose, covariance, equations);
+    return equations.hessian(3, 3);
+  };
+  EXPECT_LT(information(0), 1e-6);
+  EXPECT_NEAR(information(1), 100, 3);
+}
+
 double PositionError(const PoseEstimate& estimate, const Rigid3& truth) {
   if (!estimate.cam_from_world) return 1e3;
   return (estimate.cam_from_world->OriginInSource() - truth.OriginInSource()).norm();
