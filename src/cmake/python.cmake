@@ -1,7 +1,7 @@
 # Whether the Python module is built, and what it needs.
 
 if("${RAYLIFT_BUILD_PYTHON}" STREQUAL "AUTO" AND NOT (RAYLIFT_BUILD_TESTS AND NOT RAYLIFT_SANITIZE))
-  # An interpreter that was built without sanitizers cannot load a module with them.
+  # With sanitizers the module takes long to build and to test: it is built where it is asked for.
   set(RAYLIFT_BUILD_PYTHON OFF)
 elseif(RAYLIFT_BUILD_PYTHON)
   # The system's interpreter, for which the distribution's packages are; a build of a wheel has its own.

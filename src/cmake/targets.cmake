@@ -27,13 +27,16 @@ if(RAYLIFT_SANITIZE)
   # takes as long as compiling them.
   string(REPLACE "," "$<COMMA>" sanitize_all ${RAYLIFT_SANITIZE})
   string(REPLACE "$<COMMA>undefined" "" sanitize_tests ${sanitize_all})
+  if(RAYLIFT_NOT_SANITIZED)
+    set(not_sanitized -fno-sanitize=${RAYLIFT_NOT_SANITIZED})
+  endif()
   set(is_test $<BOOL:$<TARGET_PROPERTY:RAYLIFT_IS_TEST>>)
   target_compile_options(raylift_options INTERFACE
     $<IF:${is_test},-fsanitize=${sanitize_tests},-fsanitize=${sanitize_all}>
-    -fno-omit-frame-pointer -fno-sanitize-recover=all)
+    ${not_sanitized} -fno-omit-frame-pointer -fno-sanitize-recover=all)
   target_link_options(raylift_options INTERFACE -fsanitize=${RAYLIFT_SANITIZE})
-  # GCC loses what it knows of an empty std::optional at the thread sanitizer's calls.
-  if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU" AND RAYLIFT_SANITIZE STREQUAL "thread")
+  # GCC loses what it knows of an empty std::optional at the sanitizers' calls.
+  if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
     target_compile_options(raylift_options INTERFACE -Wno-maybe-uninitialized)
   endif()
 endif()

@@ -2,25 +2,19 @@
 
 import gc
 import tracemalloc
-from pathlib import Path
 from typing import Any, Callable
 
 import numpy as np
 import pytest
 
 import raylift
-from synthetic import CAMERA, Problem
+from synthetic import CAMERA, Problem, resident_kb
 
 CALLS = 10000
 SQUARE = raylift.Mesh([[-9, -9, 5], [9, -9, 5], [9, 9, 5], [-9, 9, 5]], [[0, 1, 2], [0, 2, 3]])
 
 
 Call = Callable[[], object]
-
-
-def resident_kb() -> int:
-    lines = Path("/proc/self/status").read_text().splitlines()
-    return next(int(line.split()[1]) for line in lines if line.startswith("VmRSS"))
 
 
 def estimate() -> Call:

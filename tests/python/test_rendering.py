@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 import raylift
-from synthetic import CAMERA, pose, some
+from synthetic import CAMERA, pose, resident_kb, some
 
 DEMO = Path(os.environ["RAYLIFT_SOURCE"]) / "assets/demo"
 MESH = f"mesh:{DEMO / 'scene.obj'}"
@@ -171,11 +171,6 @@ def test_the_right_view_scores_best(caster: raylift.RayCaster) -> None:
         caster.score_views(PINHOLE, poses, mask=mask[1:])
 
 
-def resident_kb() -> int:
-    lines = open("/proc/self/status").read().splitlines()
-    return next(int(line.split()[1]) for line in lines if line.startswith("VmRSS"))
-
-
 def test_maps_cross_without_a_copy(caster: raylift.RayCaster) -> None:
     camera = raylift.Camera("SIMPLE_PINHOLE", 1920, 1080, [1500, 960, 540])
     depth = caster.render(camera, FRONT)["depth"]
@@ -245,11 +240,11 @@ def test_wrong_clouds_are_input_errors(wrong: dict[str, Any], message: str) -> N
 def test_views_are_placed_on_a_mesh() -> None:
     caster = raylift.Scene(DEMO / "model", [MESH]).mesh
     camera = raylift.Camera("PINHOLE", 64, 48, [50, 50, 32, 24])
-    for how in "around", "inside", "cover":
+    for how in "around", "inside", "cover", "walk":
         poses = caster.sample_views(camera, 6, how=how)
         assert 0 < len(poses) <= 6 and poses == caster.sample_views(camera, 6, how=how, threads=1)
         assert all((maps["depth"] > 0).mean() > 0.05 for maps in caster.render_many(camera, poses))
-    with pytest.raises(raylift.OptionError, match="how = above: expected around|inside|cover"):
+    with pytest.raises(raylift.OptionError, match=r"how = above: expected around\|inside\|cover\|walk"):
         caster.sample_views(camera, how="above")
 
 
