@@ -25,11 +25,9 @@ inline Image BlankImage(int width_px, int height_px, int channels) {
   return image;
 }
 
-// These make gray by themselves, as the files' own library does.
-Image DecodeJpeg(std::string_view bytes, ImageChannels channels);
-Image DecodePng(std::string_view bytes, ImageChannels channels);
-
-// Red, green and blue; PNM gray where the file is.
+// Red, green and blue; of JPEG, PNG and PNM gray where the file is.
+Image DecodeJpeg(std::string_view bytes);
+Image DecodePng(std::string_view bytes);
 Image DecodeBmp(std::string_view bytes);
 Image DecodePnm(std::string_view bytes);
 Image DecodeTiff(std::string_view bytes);

@@ -63,15 +63,15 @@ class Decoder {
   Decoder(const Decoder&) = delete;
   Decoder& operator=(const Decoder&) = delete;
 
-  Image Decode(ImageChannels channels) {
+  Image Decode() {
     jpeg_read_header(&jpeg_, TRUE);
     const bool is_cmyk = jpeg_.num_components == 4;
-    const bool is_gray = channels == ImageChannels::kGray;
-    jpeg_.out_color_space = is_cmyk ? JCS_CMYK : is_gray ? JCS_GRAYSCALE : JCS_RGB;
+    const bool is_gray = jpeg_.num_components == 1;
+    jpeg_.out_color_space = is_gray ? JCS_GRAYSCALE : is_cmyk ? JCS_CMYK : JCS_RGB;
     jpeg_start_decompress(&jpeg_);
     const size_t width = jpeg_.output_width;
-    Image image = BlankImage(static_cast<int>(width), static_cast<int>(jpeg_.output_height),
-                             is_gray && !is_cmyk ? 1 : 3);
+    Image image =
+        BlankImage(static_cast<int>(width), static_cast<int>(jpeg_.output_height), is_gray ? 1 : 3);
     std::vector<uint8_t> cmyk(is_cmyk ? 4 * width : 0);
     while (jpeg_.output_scanline < jpeg_.output_height) {
       uint8_t* const pixels = image.Pixel(0, static_cast<int>(jpeg_.output_scanline));
@@ -80,7 +80,6 @@ class Decoder {
       if (is_cmyk) RgbFromCmyk(cmyk.data(), pixels, width);
     }
     jpeg_finish_decompress(&jpeg_);
-    if (is_gray && is_cmyk) return ToGray(image);
     return image;
   }
 
@@ -130,9 +129,7 @@ class Encoder {
 
 }  // namespace
 
-Image DecodeJpeg(std::string_view bytes, ImageChannels channels) {
-  return Decoder(bytes).Decode(channels);
-}
+Image DecodeJpeg(std::string_view bytes) { return Decoder(bytes).Decode(); }
 
 std::string EncodeJpeg(const Image& image, int quality) {
   try {

@@ -39,14 +39,14 @@ Image ToRgb(const Image& image) {
   return rgb;
 }
 
-Image DecodeByFormat(std::string_view bytes, ImageChannels channels) {
-  if (bytes.starts_with("\xFF\xD8")) return DecodeJpeg(bytes, channels);
-  if (bytes.starts_with("\x89PNG")) return DecodePng(bytes, channels);
-  const Image image = bytes.starts_with("BM")     ? DecodeBmp(bytes)
-                      : bytes.starts_with("RIFF") ? DecodeWebp(bytes)
-                      : bytes.starts_with("P")    ? DecodePnm(bytes)
-                                                  : DecodeTiff(bytes);
-  return channels == ImageChannels::kGray ? ToGray(image) : ToRgb(image);
+// Gray where the file is.
+Image DecodeByFormat(std::string_view bytes) {
+  if (bytes.starts_with("\xFF\xD8")) return DecodeJpeg(bytes);
+  if (bytes.starts_with("\x89PNG")) return DecodePng(bytes);
+  if (bytes.starts_with("BM")) return DecodeBmp(bytes);
+  if (bytes.starts_with("RIFF")) return DecodeWebp(bytes);
+  if (bytes.starts_with("P")) return DecodePnm(bytes);
+  return DecodeTiff(bytes);
 }
 
 }  // namespace
@@ -54,7 +54,9 @@ Image DecodeByFormat(std::string_view bytes, ImageChannels channels) {
 Image DecodePicture(std::string_view bytes, ImageChannels channels) {
   if (const auto why = WhyNoPicture(bytes)) throw InputError(*why);
   try {
-    return DecodeByFormat(bytes, channels);
+    const Image image = DecodeByFormat(bytes);
+    // Not by the libraries: of a file, gray is what it is of its colors in memory.
+    return channels == ImageChannels::kGray ? ToGray(image) : ToRgb(image);
   } catch (const std::runtime_error& error) {
     throw InputError(fmt::format("the image cannot be decoded: {}", error.what()));
   }

@@ -89,21 +89,16 @@ class Reader {
     return header.bits == 16 ? ReadAs<uint16_t>(header) : ReadAs<uint8_t>(header);
   }
 
-  // Reads a PNG of any kind.
-  Image ReadPicture(ImageChannels channels) {
+  // Reads a PNG of any kind, as gray or RGB.
+  Image ReadPicture() {
     ReadInfo();
     png_set_strip_16(png_);
     png_set_strip_alpha(png_);
     png_set_expand(png_);
-    if (channels == ImageChannels::kRgb) {
-      png_set_gray_to_rgb(png_);
-    } else {
-      constexpr int kNoError = 1;
-      png_set_rgb_to_gray(png_, kNoError, 0.299, 0.587);
-    }
+    PrepareRows();
     Image image = BlankImage(static_cast<int>(png_get_image_width(png_, info_)),
                              static_cast<int>(png_get_image_height(png_, info_)),
-                             channels == ImageChannels::kRgb ? 3 : 1);
+                             png_get_channels(png_, info_));
     ReadRows(image.data.data(), static_cast<size_t>(image.height_px),
              static_cast<size_t>(image.width_px) * static_cast<size_t>(image.channels));
     return image;
@@ -115,6 +110,7 @@ class Reader {
     const size_t width = header.width_px;
     const size_t height = header.height_px;
     if (sizeof(Sample) > 1 && std::endian::native == std::endian::little) png_set_swap(png_);
+    PrepareRows();
     std::vector<Sample> samples(width * height);
     ReadRows(samples.data(), height, width * sizeof(Sample));
     return {samples.begin(), samples.end()};
@@ -126,9 +122,12 @@ class Reader {
     png_read_info(png_, info_);
   }
 
-  void ReadRows(void* pixels, size_t height, size_t row_bytes) {
+  void PrepareRows() {
     png_set_interlace_handling(png_);
     png_read_update_info(png_, info_);
+  }
+
+  void ReadRows(void* pixels, size_t height, size_t row_bytes) {
     RAYLIFT_CHECK_EQ(png_get_rowbytes(png_, info_), row_bytes);
     std::vector<png_bytep> rows(height);
     for (size_t y = 0; y < height; ++y) rows[y] = static_cast<png_bytep>(pixels) + y * row_bytes;
@@ -188,9 +187,7 @@ std::vector<float> DecodeGrayPng(const std::filesystem::path& file, const PngHea
   }
 }
 
-Image DecodePng(std::string_view bytes, ImageChannels channels) {
-  return Reader(bytes).ReadPicture(channels);
-}
+Image DecodePng(std::string_view bytes) { return Reader(bytes).ReadPicture(); }
 
 // Fast rather than small.
 std::string EncodePng(const Image& image) {

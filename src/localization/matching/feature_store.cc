@@ -100,7 +100,7 @@ namespace {
 using std::filesystem::path;
 
 // Changes whenever extraction changes, so that old caches are not used.
-constexpr int kExtractionVersion = 1;
+constexpr int kExtractionVersion = 2;
 constexpr bool kHalfDescriptors = true;
 // Images that are extracted together and then kept.
 constexpr size_t kImagesPerPart = 16;
