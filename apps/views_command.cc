@@ -30,7 +30,7 @@ namespace {
 
 using std::filesystem::path;
 
-enum class SamplingMode { kAuto, kInside, kAround, kCover, kAlong };
+enum class SamplingMode { kAuto, kInside, kAround, kCover, kAlong, kWalk };
 
 }  // namespace
 
@@ -43,6 +43,8 @@ inline constexpr auto kEnumNames<SamplingMode> = std::to_array<EnumName<Sampling
      "on a sphere or ring around the mesh, looking at its middle"},
     {SamplingMode::kCover, "cover", "", "wherever there is room in front of surfaces"},
     {SamplingMode::kAlong, "along", "", "on a line"},
+    {SamplingMode::kWalk, "walk", "",
+     "on foot over the ground, as one carries a phone: frames in order"},
 });
 
 namespace {
@@ -62,6 +64,7 @@ struct ViewsFlags {
   bool any_side = false;
   InsideOptions inside;
   AroundOptions around;
+  WalkOptions walk;
   int rig_cameras = 1;
   bool text = false;
   path out;
@@ -122,6 +125,9 @@ SampledViews Sample(const ViewsFlags& flags, const RayCaster& mesh,
                     const ViewSamplerOptions& options) {
   if (flags.mode == SamplingMode::kAlong) {
     return SampleAlong(mesh, options, ReadPointList(flags.line));
+  }
+  if (flags.mode == SamplingMode::kWalk) {
+    return SampleWalk(mesh, options, flags.inside, flags.walk);
   }
   const ViewKind kind = FromName<ViewKind>(ToString(flags.mode)).value();
   ViewsOfKind views = SampleViews(mesh, kind, options, flags.inside, flags.around);
@@ -194,9 +200,9 @@ void AddPlaceOptions(CLI::App& command, ViewsFlags& flags) {
   group.Flag("--level", flags.level,
              "Turn --up to what the mesh's floors and tables face (within 30 degrees)");
   group.Add("--clearance", flags.clearance, "Distance to the nearest surface, in all directions");
-  group.Add("--eye-height", flags.inside.eye_height, "inside: above the ground");
-  group.Add("--max-step", flags.inside.max_step, "inside: what one can walk over");
-  group.Add("--look-down-deg", flags.inside.look_down_deg, "inside: below the horizon");
+  group.Add("--eye-height", flags.inside.eye_height, "inside, walk: above the ground");
+  group.Add("--max-step", flags.inside.max_step, "inside, walk: what one can walk over");
+  group.Add("--look-down-deg", flags.inside.look_down_deg, "inside, walk: below the horizon");
   group.Add("--min-coverage", flags.inside.min_coverage,
             "inside: share of each picture that must see a surface");
   group.Flag("--any-side", flags.any_side,
@@ -206,6 +212,8 @@ void AddPlaceOptions(CLI::App& command, ViewsFlags& flags) {
   group.Add("--min-elevation-deg", flags.around.min_elevation_deg, "around");
   group.Add("--max-elevation-deg", flags.around.max_elevation_deg,
             "around; equal elevations make a ring");
+  group.AddParsed("--spacing", flags.walk.spacing, &ParsePositive,
+                  "walk: way from pose to pose (default: a quarter of the eye height)");
   group.Add("--line", flags.line, "along: file of camera centers, x y z per line");
   group.Add("--seed", flags.seed, "Seed of all random choices");
 }
@@ -245,7 +253,11 @@ Command AddViewsCommand(CLI::App& program) {
 ended (exit code 4) begins anew, with the same bytes.
 Example:
   raylift views --geometry mesh:scene.ply --count 100 --out views --preview
-  raylift render --geometry mesh:scene.ply --model views --out rendered)");
+  raylift render --geometry mesh:scene.ply --model views --out rendered
+A walk, its photographs, and its odometry with drift:
+  raylift views --geometry mesh:scene.ply --mode walk --count 200 --out walk
+  raylift render --geometry mesh:scene.ply --model walk --products color --out frames
+  raylift perturb --model walk --walk --out odometry --drift 0.01)");
   return {&command, [flags] { Run(*flags); }};
 }
 

@@ -289,7 +289,8 @@ std::vector<Rigid3> SampleViews(const Caster& caster, const CameraLike& camera, 
     if (how == "around") return SampleAround(surface, options, {}).cam_from_world;
     if (how == "inside") return SampleInside(surface, options, {}).cam_from_world;
     if (how == "cover") return SampleCovering(surface, options, {}).cam_from_world;
-    throw OptionError("how", how, "expected around|inside|cover");
+    if (how == "walk") return SampleWalk(surface, options, {}).cam_from_world;
+    throw OptionError("how", how, "expected around|inside|cover|walk");
   });
 }
 
@@ -330,8 +331,8 @@ void BindRendering(py::module_& module) {
           py::arg("how") = "around", py::arg("up") = py::none(), py::arg("clearance") = 0.3,
           py::arg("seed") = 0, py::arg("threads") = 0,
           R"(Poses (cam_from_world) that see a mesh, as of `raylift views`: how="around" it from outside,
-"inside" it at eye height, or "cover" its surfaces; up: direction (3,) in the world, by
-default the one that its surfaces tell. Fewer than `count` where there is no more room.)")
+"inside" it at eye height, "cover" its surfaces, or "walk" in it on foot, in order; up: direction
+(3,) in the world, by default the one that its surfaces tell. Fewer than `count` where there is no more room.)")
       .def_property_readonly(
           "mesh",
           [](const Caster& caster) {

@@ -104,37 +104,44 @@ std::vector<GroundCell> FindGroundCells(const RayCaster& mesh, const Grid& grid,
   return cells;
 }
 
-// The members of the largest set of cells that follow each other without a high step. `cells`
-// are in the order of the grid.
-std::vector<GroundCell> LargestArea(const std::vector<GroundCell>& cells, const Grid& grid,
-                                    double max_step) {
-  DisjointSets sets(cells.size());
-  const auto of_cell = [&cells](int cell) {
-    return std::equal_range(
-        cells.begin(), cells.end(), GroundCell{cell, 0},
-        [](const GroundCell& a, const GroundCell& b) { return a.cell < b.cell; });
-  };
+// Calls visit(i, other, is_diagonal) for each cell and each of the eight around it that one can
+// step to. `cells` are in the order of the grid.
+template <typename Visit>
+void ForEachStep(const std::vector<GroundCell>& cells, const Grid& grid, double max_step,
+                 const Visit& visit) {
   for (size_t i = 0; i < cells.size(); ++i) {
-    const int cell = cells[i].cell;
-    for (const int next : {(cell + 1) % grid.columns == 0 ? -1 : cell + 1, cell + grid.columns}) {
-      const auto [first, last] = of_cell(next);
+    for (int k = 0; k < 9; ++k) {
+      const int right = k % 3 - 1;
+      const int column = cells[i].cell % grid.columns + right;
+      if (k == 4 || column < 0 || column >= grid.columns) continue;
+      const int cell = cells[i].cell + (k / 3 - 1) * grid.columns + right;
+      const auto [first, last] = std::equal_range(
+          cells.begin(), cells.end(), GroundCell{cell, 0},
+          [](const GroundCell& a, const GroundCell& b) { return a.cell < b.cell; });
       for (auto other = first; other != last; ++other) {
-        if (std::abs(other->height - cells[i].height) <= max_step) {
-          sets.Join(i, static_cast<size_t>(other - cells.begin()));
-        }
+        if (std::abs(other->height - cells[i].height) > max_step) continue;
+        visit(i, static_cast<size_t>(other - cells.begin()), k % 2 == 0);
       }
     }
   }
+}
+
+// Returns whether each cell belongs to the largest set of cells that follow each other, side by
+// side, without a high step.
+std::vector<bool> InLargestArea(const std::vector<GroundCell>& cells, const Grid& grid,
+                                double max_step) {
+  DisjointSets sets(cells.size());
+  ForEachStep(cells, grid, max_step, [&sets](size_t i, size_t other, bool is_diagonal) {
+    if (!is_diagonal) sets.Join(i, other);
+  });
   const std::vector<int> numbers = sets.Numbers();
   std::map<int, int> sizes;
   for (const int number : numbers) ++sizes[number];
   const auto largest = std::max_element(
       sizes.begin(), sizes.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
-  std::vector<GroundCell> area;
-  for (size_t i = 0; i < cells.size(); ++i) {
-    if (numbers[i] == largest->first) area.push_back(cells[i]);
-  }
-  return area;
+  std::vector<bool> is_in_area;
+  for (const int number : numbers) is_in_area.push_back(number == largest->first);
+  return is_in_area;
 }
 
 // Evenly spread unit vectors (a spiral of Fibonacci).
@@ -199,20 +206,58 @@ VisibleSurface MeasureView(const RayCaster& mesh, const Camera& camera,
           UpperMedianInPlace(std::span(ranges))};
 }
 
-std::vector<Eigen::Vector3d> FindWalkableGround(const RayCaster& mesh,
-                                                const ViewSamplerOptions& options,
-                                                const InsideOptions& inside) {
-  const Grid grid =
-      MakeGrid(mesh.mesh(), options.up_in_world.normalized(), 0.5 * options.clearance);
+bool IsClear(const RayCaster& mesh, const Eigen::Vector3d& center,
+             const ViewSamplerOptions& options, int directions) {
+  const Surroundings around = ProbeSurroundings(mesh, center, directions);
+  return around.clearance >= options.clearance &&
+         (options.any_side || around.front_share >= kMinFrontShare);
+}
+
+std::vector<EyePlace> FindEyePlaces(const RayCaster& mesh, const ViewSamplerOptions& options,
+                                    const InsideOptions& inside) {
+  const Eigen::Vector3d up = options.up_in_world.normalized();
+  const Grid grid = MakeGrid(mesh.mesh(), up, 0.5 * options.clearance);
   const std::vector<GroundCell> cells =
       FindGroundCells(mesh, grid, inside.eye_height + options.clearance, options);
-  std::vector<Eigen::Vector3d> points;
-  if (cells.empty()) return points;
-  for (const GroundCell& ground : LargestArea(cells, grid, inside.max_step)) {
-    const Eigen::Vector3d top = grid.TopOf(ground.cell);
-    points.push_back(grid.world_from_level * Eigen::Vector3d(top.x(), top.y(), ground.height));
+  if (cells.empty()) return {};
+  const std::vector<bool> is_in_area = InLargestArea(cells, grid, inside.max_step);
+  std::vector<Eigen::Vector3d> centers(cells.size());
+  std::vector<char> is_place(cells.size());
+  ParallelFor(cells.size(), options.threads, [&](size_t i) {
+    if (!is_in_area[i]) return;
+    const Eigen::Vector3d top = grid.TopOf(cells[i].cell);
+    centers[i] = grid.world_from_level * Eigen::Vector3d(top.x(), top.y(), cells[i].height) +
+                 inside.eye_height * up;
+    is_place[i] = IsClear(mesh, centers[i], options, kFewDirections);
+  });
+  std::vector<size_t> place_of_cell(cells.size());
+  std::vector<EyePlace> places;
+  for (size_t i = 0; i < cells.size(); ++i) {
+    place_of_cell[i] = places.size();
+    if (is_place[i] != 0) places.push_back({centers[i], {}});
   }
-  return points;
+  ForEachStep(cells, grid, inside.max_step, [&](size_t i, size_t other, bool /*is_diagonal*/) {
+    if (is_place[i] == 0 || is_place[other] == 0) return;
+    places[place_of_cell[i]].neighbors.push_back(place_of_cell[other]);
+  });
+  return places;
+}
+
+std::vector<size_t> FarthestFirst(const std::vector<Eigen::Vector3d>& points, size_t count,
+                                  Rng& rng) {
+  std::vector<size_t> order;
+  std::vector<double> distance2(points.size(), std::numeric_limits<double>::infinity());
+  size_t next = rng.UniformIndex(static_cast<uint32_t>(points.size()));
+  while (order.size() < std::min(count, points.size())) {
+    order.push_back(next);
+    distance2[next] = -1;
+    for (size_t i = 0; i < points.size(); ++i) {
+      distance2[i] = std::min(distance2[i], (points[i] - points[order.back()]).squaredNorm());
+    }
+    next = static_cast<size_t>(std::max_element(distance2.begin(), distance2.end()) -
+                               distance2.begin());
+  }
+  return order;
 }
 
 }  // namespace raylift

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "base/rng.h"
 #include <Eigen/Core>
 
 #include "raylift/geometry/camera.h"
@@ -31,10 +32,30 @@ struct VisibleSurface {
 VisibleSurface MeasureView(const RayCaster& mesh, const Camera& camera,
                            const Rigid3& cam_from_world);
 
-// Points of the ground, on a grid, of the largest connected area; empty where there is none. Room
-// for the eye height and the clearance is above each.
-std::vector<Eigen::Vector3d> FindWalkableGround(const RayCaster& mesh,
-                                                const ViewSamplerOptions& options,
-                                                const InsideOptions& inside);
+// Of what a camera sees, the share that it must see from the front; the rest may be thin things
+// without a back.
+constexpr double kMinFrontShare = 0.9;
+
+// Directions in which surfaces are looked for: around every place, and where a camera shall stand.
+constexpr int kFewDirections = 256;
+constexpr int kManyDirections = 4096;
+
+// Returns whether nothing is nearer than the clearance, and the place is within no solid body.
+bool IsClear(const RayCaster& mesh, const Eigen::Vector3d& center,
+             const ViewSamplerOptions& options, int directions);
+
+struct EyePlace {
+  Eigen::Vector3d center;
+  std::vector<size_t> neighbors;  // places beside it, without a high step
+};
+
+// Returns clear places at eye height over the ground, on a grid, of the largest area of ground that
+// is connected without high steps; none if there is no such ground. What is not clear may part them.
+std::vector<EyePlace> FindEyePlaces(const RayCaster& mesh, const ViewSamplerOptions& options,
+                                    const InsideOptions& inside);
+
+// Returns indices of points, each as far as can be from all before it, the first at random.
+std::vector<size_t> FarthestFirst(const std::vector<Eigen::Vector3d>& points, size_t count,
+                                  Rng& rng);
 
 }  // namespace raylift

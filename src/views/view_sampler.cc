@@ -2,27 +2,22 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numbers>
 
 #include "base/constants.h"
 #include "base/rng.h"
+#include "views/polyline.h"
 #include "views/space_probe.h"
 #include <Eigen/Geometry>
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
-#include "raylift/base/parallel.h"
 
 namespace raylift {
 namespace {
 
-constexpr double kMinFrontShare = 0.9;  // the rest may be thin things without a back
-constexpr double kMinOpenShare = 0.5;   // within a solid body all is seen from behind
-// Directions in which surfaces are looked for: around every place, and where a camera shall stand.
-constexpr int kFewDirections = 256;
-constexpr int kManyDirections = 4096;
-constexpr int kMaxFailures = 4;  // rounds that add no view
+constexpr double kMinOpenShare = 0.5;  // within a solid body all is seen from behind
+constexpr int kMaxFailures = 4;        // rounds that add no view
 constexpr size_t kMinPlacesPerRound = 64;
 constexpr int kBearings = 24;      // directions of sight that are compared at each place
 constexpr double kFreeRange = 12;  // eye heights; looking farther is no better
@@ -70,24 +65,6 @@ SampledViews Required(std::optional<SampledViews> views, std::string_view way_ou
   return *std::move(views);
 }
 
-// The indices of points, each as far as can be from all before it.
-std::vector<size_t> FarthestFirst(const std::vector<Eigen::Vector3d>& points, size_t count,
-                                  Rng& rng) {
-  std::vector<size_t> order;
-  std::vector<double> distance2(points.size(), std::numeric_limits<double>::infinity());
-  size_t next = rng.UniformIndex(static_cast<uint32_t>(points.size()));
-  while (order.size() < std::min(count, points.size())) {
-    order.push_back(next);
-    distance2[next] = -1;
-    for (size_t i = 0; i < points.size(); ++i) {
-      distance2[i] = std::min(distance2[i], (points[i] - points[order.back()]).squaredNorm());
-    }
-    next = static_cast<size_t>(std::max_element(distance2.begin(), distance2.end()) -
-                               distance2.begin());
-  }
-  return order;
-}
-
 class InsideSampler {
  public:
   InsideSampler(const RayCaster& mesh, const ViewSamplerOptions& options,
@@ -95,7 +72,10 @@ class InsideSampler {
       : mesh_(mesh), options_(options), inside_(inside), up_(options.up_in_world.normalized()) {}
 
   SampledViews Run() {
-    std::vector<Eigen::Vector3d> eyes = ClearEyes();
+    std::vector<Eigen::Vector3d> eyes;
+    for (const EyePlace& place : FindEyePlaces(mesh_, options_, inside_)) {
+      eyes.push_back(place.center);
+    }
     SampledViews views;
     Rng rng(StreamSeed(options_.seed, "inside", "views"));
     // Several rounds, so that few places serve for many views.
@@ -110,22 +90,6 @@ class InsideSampler {
   }
 
  private:
-  std::vector<Eigen::Vector3d> ClearEyes() const {
-    std::vector<Eigen::Vector3d> ground = FindWalkableGround(mesh_, options_, inside_);
-    std::vector<char> is_clear(ground.size());
-    ParallelFor(ground.size(), options_.threads, [&](size_t i) {
-      ground[i] += inside_.eye_height * up_;
-      const Surroundings around = ProbeSurroundings(mesh_, ground[i], kFewDirections);
-      is_clear[i] = around.clearance >= options_.clearance &&
-                    (options_.any_side || around.front_share >= kMinFrontShare);
-    });
-    std::vector<Eigen::Vector3d> eyes;
-    for (size_t i = 0; i < ground.size(); ++i) {
-      if (is_clear[i] != 0) eyes.push_back(ground[i]);
-    }
-    return eyes;
-  }
-
   // Views from places that are far from each other; one per place.
   void AddRound(const std::vector<Eigen::Vector3d>& eyes, Rng& rng, SampledViews& views) const {
     const auto wanted = static_cast<size_t>(options_.count) - views.cam_from_world.size();
@@ -180,26 +144,17 @@ struct LinePoint {
 };
 
 // Evenly spaced, the ends included; the direction is that of the line within a spacing around.
-std::vector<LinePoint> SpreadOnLine(std::span<const Eigen::Vector3d> line, int count) {
-  std::vector<double> lengths = {0};
-  for (size_t i = 1; i < line.size(); ++i) {
-    lengths.push_back(lengths.back() + (line[i] - line[i - 1]).norm());
-  }
-  const auto at = [&](double length) -> Eigen::Vector3d {
-    const double inner = std::clamp(length, 0.0, lengths.back());
-    const auto next = std::upper_bound(lengths.begin() + 1, lengths.end() - 1, inner);
-    const auto i = static_cast<size_t>(next - lengths.begin());
-    const double share = (inner - lengths[i - 1]) / std::max(lengths[i] - lengths[i - 1], 1e-300);
-    return line[i - 1] + share * (line[i] - line[i - 1]);
-  };
-  const double spacing = lengths.back() / std::max(count - 1, 1);
-  std::vector<LinePoint> points;
+std::vector<LinePoint> SpreadOnLine(std::span<const Eigen::Vector3d> points, int count) {
+  const Polyline line({points.begin(), points.end()});
+  const double spacing = line.length() / std::max(count - 1, 1);
+  std::vector<LinePoint> spread;
   for (int i = 0; i < count; ++i) {
     const double length = i * spacing;
-    const Eigen::Vector3d tangent = at(length + 0.5 * spacing) - at(length - 0.5 * spacing);
-    points.push_back({at(length), tangent.normalized()});
+    const Eigen::Vector3d tangent =
+        line.At(length + 0.5 * spacing) - line.At(length - 0.5 * spacing);
+    spread.push_back({line.At(length), tangent.normalized()});
   }
-  return points;
+  return spread;
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 
 #include "apps/job_runs.h"
 #include "apps/program.h"
+#include "io/scene/trajectory_file.h"
 #include "support/test_data.h"
 #include <gmock/gmock.h>
 #include <nlohmann/json.hpp>
@@ -78,6 +79,22 @@ TEST_F(Views, RigsComeWithTheirFrames) {
   EXPECT_EQ(model.frames.size(), 3u);
 }
 
+TEST_F(Views, AWalkHasOdometry) {
+  ASSERT_TRUE(Succeeds(RunRaylift(
+      Command() + Arguments{"--mode", "walk", "--count", "30", "--spacing", "0.5", "--quiet"})));
+  const fs::path odometry = folder_ / "odometry";
+  ASSERT_TRUE(Succeeds(
+      RunRaylift({"perturb", "--model", out_, "--walk", "--drift", "0", "--out", odometry})));
+  const auto poses = ReadTumTrajectory(odometry / "odometry.txt");
+  ASSERT_EQ(poses.size(), 30u);
+  for (size_t i = 1; i < poses.size(); ++i) {
+    const double step =
+        (poses[i].cam_from_world.OriginInSource() - poses[i - 1].cam_from_world.OriginInSource())
+            .norm();
+    EXPECT_LT(step, 0.56);
+  }
+}
+
 TEST_F(Views, AFinishedFolderIsReplacedOnlyWhereThatIsAskedFor) {
   const Arguments three = Command() + Arguments{"--count", "3", "--quiet"};
   ASSERT_TRUE(Succeeds(RunRaylift(three)));
@@ -109,7 +126,7 @@ TEST_F(Views, WrongOptionsAreNamed) {
   const auto fails = [&](const Arguments& more, const std::string& part) {
     return FailsWith(2, {part}, RunRaylift(Command() + more));
   };
-  EXPECT_TRUE(fails({"--mode", "above"}, "auto|inside|around|cover|along"));
+  EXPECT_TRUE(fails({"--mode", "above"}, "auto|inside|around|cover|along|walk"));
   EXPECT_TRUE(fails({"--mode", "along"}, "--line"));
   EXPECT_TRUE(fails({"--up", "w"}, "--up"));
   EXPECT_TRUE(fails({"--up", "0,0,0"}, "--up"));
@@ -117,6 +134,7 @@ TEST_F(Views, WrongOptionsAreNamed) {
   EXPECT_TRUE(fails({"--camera", "PINHOLE 640"}, "--camera"));
   EXPECT_TRUE(fails({"--fov-deg", "180"}, "--fov-deg"));
   EXPECT_TRUE(fails({"--distance", "-1"}, "--distance"));
+  EXPECT_TRUE(fails({"--mode", "walk", "--spacing", "0"}, "--spacing"));
   EXPECT_TRUE(fails({"--min-elevation-deg", "70"}, "--min-elevation-deg"));
   EXPECT_FALSE(fs::exists(out_));
 }

@@ -147,6 +147,107 @@ TEST(SampleInside, CamerasOfARealRoomAreClearOfItsWalls) {
   }
 }
 
+double TurnDeg(const Rigid3& a, const Rigid3& b) {
+  return a.rotation.angularDistance(b.rotation) * 180 / std::numbers::pi;
+}
+
+// No pose is far from the one before, neither by place nor by direction.
+void ExpectSteps(const SampledViews& walk, double spacing) {
+  for (size_t i = 1; i < walk.cam_from_world.size(); ++i) {
+    const Rigid3& before = walk.cam_from_world[i - 1];
+    const Rigid3& pose = walk.cam_from_world[i];
+    const Eigen::Vector3d step = pose.OriginInSource() - before.OriginInSource();
+    EXPECT_LT(step.norm(), spacing + 0.06) << i;  // sways and bobs besides
+    EXPECT_LT(TurnDeg(before, pose), 60) << i;    // half of it by the hand
+  }
+}
+
+TEST(SampleWalk, GoesAboutTheRoomStepByStepClearOfEverything) {
+  const RayCaster mesh = Scene(MakeRooms(kGeoreferenced));
+  for (uint64_t seed = 0; seed < 4; ++seed) {
+    const ViewSamplerOptions options{.camera = kSamplerCamera, .count = 120, .seed = seed};
+    const SampledViews walk = SampleWalk(mesh, options, {});
+    EXPECT_TRUE(walk.warnings.empty());
+    ASSERT_EQ(walk.cam_from_world.size(), 120u);
+    ExpectSteps(walk, 0.4);
+    Eigen::AlignedBox3d visited;
+    for (const Rigid3& pose : walk.cam_from_world) {
+      const Eigen::Vector3d eye = pose.OriginInSource() - kGeoreferenced;
+      visited.extend(eye);
+      EXPECT_NEAR(eye.z(), 1.6, 0.0201);  // bobs
+      if (seed == 0) ExpectClear(mesh, pose, 0.3, 0);
+      // Upright but for the hand.
+      EXPECT_LT((pose.rotation * Eigen::Vector3d(0, 0, 1)).y(), -0.9);
+    }
+    EXPECT_GT(visited.sizes().x(), 7);
+    EXPECT_GT(visited.sizes().y(), 4);
+  }
+}
+
+TEST(SampleWalk, IsTheSameForTheSameSeed) {
+  const RayCaster mesh = Scene(MakeRooms(kGeoreferenced));
+  ViewSamplerOptions options{.camera = kSamplerCamera, .count = 20};
+  const SampledViews walk = SampleWalk(mesh, options, {});
+  options.threads = 1;
+  const SampledViews again = SampleWalk(mesh, options, {});
+  options.seed = 1;
+  const SampledViews other = SampleWalk(mesh, options, {});
+  for (size_t i = 0; i < 20; ++i) {
+    EXPECT_EQ(again.cam_from_world[i].translation, walk.cam_from_world[i].translation);
+    EXPECT_NE(other.cam_from_world[i].translation, walk.cam_from_world[i].translation);
+  }
+}
+
+TEST(SampleWalk, TurnsAboutInDeadEndsAndGoesRoundAndRound) {
+  for (const Eigen::Vector3d& half : {Eigen::Vector3d(10, 0.5, 1.5), Eigen::Vector3d(1, 1, 1.5)}) {
+    const Eigen::Quaterniond turn(Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, 2, -1).normalized()));
+    TriangleMesh mesh = InsideOut(MakeBox({0, 0, half.z()}, half));
+    for (Eigen::Vector3f& vertex : mesh.vertices) vertex = turn.cast<float>() * vertex;
+    mesh.origin_in_world = turn * mesh.origin_in_world;
+    const Eigen::Vector3d up = turn * Eigen::Vector3d::UnitZ();
+    const RayCaster caster = Scene(std::move(mesh));
+    for (uint64_t seed = 0; seed < 2; ++seed) {
+      const SampledViews walk = SampleWalk(
+          caster, {.camera = kSamplerCamera, .count = 200, .up_in_world = up, .seed = seed},
+          {.look_down_deg = 20});
+      ASSERT_EQ(walk.cam_from_world.size(), 200u);
+      ExpectSteps(walk, 0.4);
+      Eigen::AlignedBox3d visited;
+      double down = 0;
+      for (const Rigid3& pose : walk.cam_from_world) {
+        const Eigen::Vector3d eye = turn.conjugate() * pose.OriginInSource();
+        visited.extend(eye);
+        EXPECT_NEAR(eye.z(), 1.6, 0.021);
+        down -= up.dot(pose.rotation.conjugate() * Eigen::Vector3d::UnitZ()) / 200;
+      }
+      EXPECT_GT(visited.sizes().x(), 0.6 * half.x());
+      EXPECT_NEAR(down, std::sin(20 * std::numbers::pi / 180), 0.1);
+    }
+  }
+}
+
+TEST(SampleWalk, GoesThroughNoWall) {
+  // The grid's cells are wider than the clearance.
+  const RayCaster mesh = Scene([] {
+    std::vector<TriangleMesh> parts;
+    parts.push_back(InsideOut(MakeBox({0, 0, 2}, {40, 8, 2})));
+    parts.push_back(MakeBox({10, 0, 2}, {0.01, 7.9, 1.99}));
+    return MergeMeshes(std::move(parts));
+  }());
+  const SampledViews walk =
+      SampleWalk(mesh, {.camera = kSamplerCamera, .count = 200, .clearance = 0.05}, {});
+  const auto side = [](const Rigid3& pose) { return pose.OriginInSource().x() > 10; };
+  for (const Rigid3& pose : walk.cam_from_world) EXPECT_FALSE(side(pose));  // the larger part
+}
+
+TEST(SampleWalk, SaysWhereThereIsNoWay) {
+  const ViewSamplerOptions options{.camera = kSamplerCamera};
+  const RayCaster low = Scene(InsideOut(MakeBox({0, 0, 0.5}, {5, 5, 0.5})));
+  EXPECT_TRUE(FailsWithInputError([&] { SampleWalk(low, options, {}); },
+                                  {"no way to walk", "the eye height"}));
+  EXPECT_THROW(SampleWalk(low, options, {}, {.spacing = 0}), OptionError);
+}
+
 TEST(SampleAround, TheWholeMeshIsInEveryPicture) {
   const TriangleMesh sphere = MakeSphere(kGeoreferenced, 2, 20, 40);
   const RayCaster mesh = Scene(sphere);

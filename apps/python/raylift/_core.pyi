@@ -587,8 +587,8 @@ class RayCaster:
     def sample_views(self, camera: raylift._types.CameraLike, count: typing.SupportsInt | typing.SupportsIndex = 48, *, how: str = 'around', up: numpy.typing.ArrayLike | None = None, clearance: typing.SupportsFloat | typing.SupportsIndex = 0.3, seed: typing.SupportsInt | typing.SupportsIndex = 0, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> list[Rigid3]:
         """
         Poses (cam_from_world) that see a mesh, as of `raylift views`: how="around" it from outside,
-        "inside" it at eye height, or "cover" its surfaces; up: direction (3,) in the world, by
-        default the one that its surfaces tell. Fewer than `count` where there is no more room.
+        "inside" it at eye height, "cover" its surfaces, or "walk" in it on foot, in order; up: direction
+        (3,) in the world, by default the one that its surfaces tell. Fewer than `count` where there is no more room.
         """
     def score_views(self, camera: raylift._types.CameraLike, poses: collections.abc.Sequence[raylift._types.PoseLike], *, mask: numpy.typing.ArrayLike | None = None, depth: numpy.typing.ArrayLike | None = None, edges: numpy.typing.ArrayLike | None = None, depth_tolerance: typing.SupportsFloat | typing.SupportsIndex = 0.05, threads: typing.SupportsInt | typing.SupportsIndex = 0, progress: raylift._types.Progress | None = None) -> raylift._results.ViewScores:
         """

@@ -1,5 +1,5 @@
 // Camera poses on a mesh, for scenes that come without photographs: around an object, inside an
-// environment, along a path, wherever there is room. All keep clear of the surfaces.
+// environment, along a line, on foot, wherever there is room. All keep clear of the surfaces.
 
 #pragma once
 
@@ -70,6 +70,17 @@ std::optional<SampledViews> TrySampleInside(const RayCaster& mesh,
 // or inside a body is left out with a warning; throws InputError where nothing is left.
 SampledViews SampleAlong(const RayCaster& mesh, const ViewSamplerOptions& options,
                          std::span<const Eigen::Vector3d> line);
+
+// A walk over the ground of SampleInside, as of one who carries a phone: past places that lie far
+// apart, by the shortest way where there is room, its corners rounded, and again where there are
+// more poses. Each camera looks ahead, bobs and sways with the steps and turns with the hand; one
+// who has to turn about stands. What the pictures show is not asked (InsideOptions::min_coverage).
+// Throws InputError where there is no way to walk.
+struct WalkOptions {
+  std::optional<double> spacing = std::nullopt;  // from pose to pose; none: a quarter of eye height
+};
+SampledViews SampleWalk(const RayCaster& mesh, const ViewSamplerOptions& options,
+                        const InsideOptions& inside, const WalkOptions& walk = {});
 
 // The pose of a camera that looks along `forward`, with the picture's top toward `up`.
 Rigid3 LookAlong(const Eigen::Vector3d& center, const Eigen::Vector3d& forward,
