@@ -64,7 +64,7 @@ def test_lifting_from_depth_in_memory(mesh: raylift.Mesh) -> None:
 
 def test_lifting_from_depth_in_files(mesh: raylift.Mesh, tmp_path: Path) -> None:
     depth = raylift.RayCaster(mesh).render(PINHOLE, FRONT)["depth"]
-    np.save(tmp_path / "front.npy", (1000 * depth).astype(np.uint16))
+    np.save(tmp_path / "front.npy", (1000 * depth).round().astype(np.uint16))
     maps = raylift.DepthMaps(tmp_path, [IMAGE], unit="mm")
     expect_face(maps.lift(IMAGE, PIXELS))
     expect_face(raylift.Geometry(f"depth:{tmp_path},unit=mm", references=[IMAGE]).lift(IMAGE, PIXELS))
