@@ -37,6 +37,19 @@ class DisjointSets {
     return numbers;
   }
 
+  // Returns whether each index is in the largest set, the first one of equally large ones.
+  std::vector<bool> InLargest() {
+    const std::vector<int> numbers = Numbers();
+    std::map<int, size_t> sizes;
+    for (const int number : numbers) ++sizes[number];
+    const auto largest =
+        std::max_element(sizes.begin(), sizes.end(),
+                         [](const auto& a, const auto& b) { return a.second < b.second; });
+    std::vector<bool> is_in_largest;
+    for (const int number : numbers) is_in_largest.push_back(number == largest->first);
+    return is_in_largest;
+  }
+
  private:
   size_t Root(size_t i) {
     while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <map>
 #include <numbers>
 #include <span>
 
@@ -134,14 +133,7 @@ std::vector<bool> InLargestArea(const std::vector<GroundCell>& cells, const Grid
   ForEachStep(cells, grid, max_step, [&sets](size_t i, size_t other, bool is_diagonal) {
     if (!is_diagonal) sets.Join(i, other);
   });
-  const std::vector<int> numbers = sets.Numbers();
-  std::map<int, int> sizes;
-  for (const int number : numbers) ++sizes[number];
-  const auto largest = std::max_element(
-      sizes.begin(), sizes.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
-  std::vector<bool> is_in_area;
-  for (const int number : numbers) is_in_area.push_back(number == largest->first);
-  return is_in_area;
+  return sets.InLargest();
 }
 
 // Evenly spread unit vectors (a spiral of Fibonacci).

@@ -61,15 +61,12 @@ std::vector<EyePlace> Connected(const RayCaster& mesh, std::vector<EyePlace> pla
   for (size_t i = 0; i < places.size(); ++i) {
     for (const size_t other : places[i].neighbors) sets.Join(i, other);
   }
-  const std::vector<int> numbers = sets.Numbers();
-  std::vector<size_t> sizes(places.size());
-  for (const int number : numbers) ++sizes[static_cast<size_t>(number)];
-  const auto largest = std::max_element(sizes.begin(), sizes.end()) - sizes.begin();
+  const std::vector<bool> is_connected = sets.InLargest();
   std::vector<EyePlace> connected;
   std::vector<size_t> new_index(places.size());
   for (size_t i = 0; i < places.size(); ++i) {
     new_index[i] = connected.size();
-    if (numbers[i] == largest) connected.push_back(places[i]);
+    if (is_connected[i]) connected.push_back(places[i]);
   }
   for (EyePlace& place : connected) {
     for (size_t& other : place.neighbors) other = new_index[other];

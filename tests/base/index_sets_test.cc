@@ -34,5 +34,15 @@ TEST(EvenlySpaced, LeavesEqualGapsButForRounding) {
   }
 }
 
+TEST(DisjointSets, TheLargestIsTheFirstOfEquals) {
+  DisjointSets sets(6);
+  sets.Join(0, 3);
+  sets.Join(2, 5);
+  EXPECT_EQ(sets.InLargest(), std::vector<bool>({true, false, false, true, false, false}));
+  sets.Join(1, 2);
+  EXPECT_EQ(sets.InLargest(), std::vector<bool>({false, true, true, false, false, true}));
+  EXPECT_TRUE(DisjointSets(0).InLargest().empty());
+}
+
 }  // namespace
 }  // namespace raylift
