@@ -283,7 +283,8 @@ TEST(DepthForOthers, OpenExrsToolsSeeTheChannelAndTheCompression) {
   if (!HasProgram("exrinfo")) GTEST_SKIP() << "OpenEXR's tools are not on this machine";
   const auto path = TestFolder() / "a.exr";
   WriteDepthFile(path, MakeRamp());
-  const std::string info = RunProgram("exrinfo " + path.string());
+  // OpenEXR 3.1's exrinfo returns a number that it never sets.
+  const std::string info = RunProgram("exrinfo " + path.string() + " || true");
   EXPECT_NE(info.find("'pxr24'"), std::string::npos) << info;
   EXPECT_NE(info.find("'Y': float"), std::string::npos) << info;
   EXPECT_NE(info.find("7 x 5"), std::string::npos) << info;
