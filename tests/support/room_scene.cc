@@ -6,6 +6,8 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <stdexcept>
+#include <vector>
 
 #include "base/rng.h"
 #include "support/match_file.h"
@@ -214,6 +216,21 @@ void WriteMatches(const RoomScene& scene, const RayCaster& caster) {
   WritePairs(scene.pairs(), pairs);
 }
 
+// Returns the pictures of the views. They are rendered once in each process: under the sanitizers that
+// takes longer than most tests that need them.
+const std::vector<Image>& Pictures(const RayCaster& caster, const std::vector<PosedImage>& views) {
+  static const std::vector<Image> pictures = [&] {
+    ColorOptions colors;
+    colors.samples_per_pixel_side = 2;
+    std::vector<Image> rendered;
+    for (const PosedImage& view : views) {
+      rendered.push_back(RenderColor(caster, view.camera, view.cam_from_world, colors, 1));
+    }
+    return rendered;
+  }();
+  return pictures;
+}
+
 }  // namespace
 
 RoomScene WriteRoomScene(const std::filesystem::path& folder, const RoomOptions& options) {
@@ -239,13 +256,12 @@ RoomScene WriteRoomScene(const std::filesystem::path& folder, const RoomOptions&
   const RayCaster caster(std::make_shared<const TriangleMesh>(ReadMesh(scene.mesh())));
   if (options.matches) WriteMatches(scene, caster);
   if (options.pictures) {
-    ColorOptions colors;
-    colors.samples_per_pixel_side = 2;
-    for (const auto* views : {&scene.references, &scene.queries}) {
-      for (const PosedImage& view : *views) {
-        WriteImage(scene.images() / view.name,
-                   RenderColor(caster, view.camera, view.cam_from_world, colors, 1));
-      }
+    if (!options.offset.isZero()) throw std::invalid_argument("only the room at 0 has pictures");
+    std::vector<PosedImage> views = scene.references;
+    views.insert(views.end(), scene.queries.begin(), scene.queries.end());
+    const std::vector<Image>& pictures = Pictures(caster, views);
+    for (size_t i = 0; i < views.size(); ++i) {
+      WriteImage(scene.images() / views[i].name, pictures[i]);
     }
   }
   return scene;

@@ -14,7 +14,7 @@ namespace raylift {
 struct RoomOptions {
   Eigen::Vector3d offset = Eigen::Vector3d::Zero();  // of everything
   bool matches = true;                               // hloc's files
-  bool pictures = false;
+  bool pictures = false;                             // of the room at 0 alone
 };
 
 // The room is 6 x 3 x 4 units, y down; six references look one way, two queries stand among them.
