@@ -21,7 +21,7 @@ std::string LocalizeKeys(const RoomScene& scene) {
          "\ngeometry = ['mesh:" + scene.mesh().string() + "']\n";
 }
 
-Json EffectiveOptions(const RoomScene& scene) {
+Json OptionsOfRun(const RoomScene& scene) {
   return Json::parse(ReadFile(scene.folder / "out" / "options.json"));
 }
 
@@ -37,7 +37,7 @@ TEST(ConfigFile, HoldsAnyOptionOfLocalize) {
   const CommandResult result = RunRaylift({"localize", "--config", config});
   EXPECT_TRUE(Succeeds(result));
   EXPECT_EQ(result.out, "");
-  const Json options = EffectiveOptions(scene);
+  const Json options = OptionsOfRun(scene);
   EXPECT_EQ(options["top-k"], 4);
   EXPECT_EQ(options["alpha"], 0.75);
   EXPECT_EQ(options["quiet"], true);
@@ -134,7 +134,7 @@ TEST(ConfigFile, EffectiveOptionsKeepTheirTypes) {
   const RoomScene scene = WriteRoomScene(TestFolder());
   const auto out = scene.folder / "out";
   ASSERT_TRUE(Succeeds(RunRaylift(LocalizeWithHloc(scene, out) + Arguments{"--alpha", "1e-1"})));
-  const Json options = EffectiveOptions(scene);
+  const Json options = OptionsOfRun(scene);
   EXPECT_EQ(options["command"], "localize");
   EXPECT_TRUE(options["raylift_version"].is_string());
   EXPECT_TRUE(options["top-k"].is_number_integer());

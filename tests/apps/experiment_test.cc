@@ -50,7 +50,7 @@ second = { method = ["p3p", "e5p1"] }
   return file;
 }
 
-std::map<std::string, std::string> Contents(const fs::path& folder) {
+std::map<std::string, std::string> Tables(const fs::path& folder) {
   std::map<std::string, std::string> contents;
   for (const std::string& file : FilesBelow(folder)) {
     if (file != "options.json") contents[file] = ReadFile(folder / file);
@@ -73,17 +73,17 @@ TEST(Experiment, MakesItsTablesOnceAndTheSameForAnyThreads) {
                        ::testing::ContainsRegex("[|] (shown|holds|noise|contradicted) [|]\n")));
   EXPECT_THAT(ReadFile(out / "index.html"), HasSubstr("\"experiment\""));
 
-  const auto contents = Contents(out);
+  const auto contents = Tables(out);
   const CommandResult second = RunRaylift({"experiment", file, "--out", out});
   EXPECT_THAT(second.out, HasSubstr("0 cells estimated, 44 were there"));
-  EXPECT_EQ(Contents(out), contents);
+  EXPECT_EQ(Tables(out), contents);
 
   // Some cells are lost: they alone are made again.
   const std::string lost = FilesBelow(out / "cells").front();
   fs::remove(out / "cells" / lost);
   const CommandResult third = RunRaylift({"experiment", file, "--out", out, "--threads", "4"});
   EXPECT_THAT(third.out, HasSubstr("1 cells estimated, 43 were there"));
-  EXPECT_EQ(Contents(out), contents);
+  EXPECT_EQ(Tables(out), contents);
 }
 
 TEST(Experiment, ADryRunListsTheGridAndWhatIsMissing) {

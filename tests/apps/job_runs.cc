@@ -15,9 +15,9 @@
 namespace raylift {
 
 namespace fs = std::filesystem;
-using Json = nlohmann::ordered_json;
+using OrderedJson = nlohmann::ordered_json;
 
-void EraseTimes(Json& json) {
+void EraseTimes(OrderedJson& json) {
   if (!json.is_structured()) return;
   if (json.is_object()) {
     for (const char* name : {"milliseconds", "seconds", "match_ms", "lift_ms", "filter_ms",
@@ -25,13 +25,13 @@ void EraseTimes(Json& json) {
       json.erase(name);
     }
   }
-  for (Json& value : json) EraseTimes(value);
+  for (OrderedJson& value : json) EraseTimes(value);
 }
 
 std::vector<std::string> LinesWithoutTimes(const fs::path& file) {
   std::vector<std::string> lines;
   for (const std::string& line : Lines(ReadFile(file))) {
-    Json json = Json::parse(line);
+    OrderedJson json = OrderedJson::parse(line);
     EraseTimes(json);
     lines.push_back(json.dump());
   }
@@ -39,7 +39,7 @@ std::vector<std::string> LinesWithoutTimes(const fs::path& file) {
 }
 
 std::string JsonWithoutTimes(const fs::path& file) {
-  Json json = Json::parse(ReadFile(file));
+  OrderedJson json = OrderedJson::parse(ReadFile(file));
   EraseTimes(json);
   return json.dump();
 }

@@ -25,10 +25,6 @@ CoherentOptions UnknownScale() {
   return {.num_keypoints = 150, .num_references = 4, .vertical = 0.5, .reference_factor = 0.7};
 }
 
-double PositionError(const PoseEstimate& estimate, const Rigid3& truth) {
-  return (estimate.cam_from_world.value().OriginInSource() - truth.OriginInSource()).norm();
-}
-
 int Sum(const std::vector<int>& counts) {
   int sum = 0;
   for (const int count : counts) sum += count;

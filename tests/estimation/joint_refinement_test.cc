@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "estimation/refinement/refinement.h"
+#include "estimation/standard_options.h"
 #include "support/coherent_problem.h"
 #include "support/matchers.h"
 
@@ -24,10 +25,6 @@ constexpr int kJointProblems = 40;
 #endif
 
 using Vector6d = Eigen::Matrix<double, 6, 1>;
-
-double PositionError(const PoseEstimate& estimate, const Rigid3& truth) {
-  return (estimate.cam_from_world->OriginInSource() - truth.OriginInSource()).norm();
-}
 
 // What Adaptive reaches on problems of a kind, beside the better of its parts.
 struct Outcome {

@@ -9,7 +9,7 @@ namespace raylift {
 namespace {
 
 // So few matches that all take part.
-SyntheticOptions FewMatches() {
+SyntheticOptions MatchesToOptimize() {
   SyntheticOptions options;
   options.num_2d3d = 300;
   options.num_2d2d = 300;
@@ -28,7 +28,7 @@ TEST(OptimizeLocally, MoreStepsNeverCostMore) {
   Rng rng = TestRng();
   for (const MatchSets sets : {MatchSets::k2D3D, MatchSets::k2D2D, MatchSets::kBoth}) {
     for (int trial = 0; trial < 10; ++trial) {
-      const NearTruth near = MakeNearTruth(rng, FewMatches(), 1, 0.1);
+      const NearTruth near = MakeNearTruth(rng, MatchesToOptimize(), 1, 0.1);
       double least = 1e9;
       for (int steps = 0; steps <= 8; ++steps) {
         const double cost =
@@ -44,7 +44,7 @@ TEST(OptimizeLocally, MoreStepsNeverCostMore) {
 TEST(OptimizeLocally, ReachesTheInliersThatLieNear) {
   Rng rng = TestRng();
   for (int trial = 0; trial < 10; ++trial) {
-    const NearTruth near = MakeNearTruth(rng, FewMatches(), 0.8, 0.02);
+    const NearTruth near = MakeNearTruth(rng, MatchesToOptimize(), 0.8, 0.02);
     const PoseScore any(MatchSets::kBoth, ScoreCombination::kSumMsac, 1, 1);
     const Scorer scorer(near.prepared, any);
     const int at_truth = scorer.CountInliers(near.local_truth).of_2d3d;
@@ -59,7 +59,7 @@ TEST(OptimizeLocally, ReachesTheInliersThatLieNear) {
 
 TEST(OptimizeLocally, OfOneKindTakesNoNoticeOfTheOther) {
   Rng rng = TestRng();
-  const NearTruth near = MakeNearTruth(rng, FewMatches(), 0.5, 0.05);
+  const NearTruth near = MakeNearTruth(rng, MatchesToOptimize(), 0.5, 0.05);
   NormalizedProblem points_alone = near.prepared;
   points_alone.blocks_2d2d.clear();
   points_alone.block_camera_reference_2d2d.clear();

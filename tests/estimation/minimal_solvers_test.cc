@@ -15,7 +15,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr int kTrials = 50;
+constexpr int kInstances = 50;
 
 Vector3d DrawVector(Rng& rng, double sigma) {
   return sigma * Vector3d(rng.Normal(), rng.Normal(), rng.Normal());
@@ -46,7 +46,7 @@ std::array<Vector3d, kCount> RaysTo(const Rigid3& cam_from_world,
     int max_solutions, const std::function<std::vector<Rigid3>(Rng& rng, Rigid3& truth)>& solve) {
   Rng rng = TestRng();
   int found = 0;
-  for (int trial = 0; trial < kTrials; ++trial) {
+  for (int trial = 0; trial < kInstances; ++trial) {
     Rigid3 truth = DrawPose(rng);
     const std::vector<Rigid3> poses = solve(rng, truth);
     if (static_cast<int>(poses.size()) > max_solutions) {
@@ -56,8 +56,8 @@ std::array<Vector3d, kCount> RaysTo(const Rigid3& cam_from_world,
       return static_cast<bool>(IsNearPose(pose, truth, 1e-4, 1e-5));
     });
   }
-  if (found >= kTrials - 1) return ::testing::AssertionSuccess();
-  return ::testing::AssertionFailure() << "the truth in " << found << " of " << kTrials;
+  if (found >= kInstances - 1) return ::testing::AssertionSuccess();
+  return ::testing::AssertionFailure() << "the truth in " << found << " of " << kInstances;
 }
 
 TEST(MinimalSolvers, P3pFindsTheCamera) {

@@ -11,24 +11,24 @@ using Eigen::Vector3d;
 
 const std::array<Vector3d, 2> kOneCenter{Vector3d::Zero(), Vector3d::Zero()};
 
-Vector3d RandomVector(Rng& rng, double extent) {
+Vector3d VectorWithin(Rng& rng, double extent) {
   const double x = rng.Uniform(-extent, extent);
   const double y = rng.Uniform(-extent, extent);
   return {x, y, rng.Uniform(-extent, extent)};
 }
 
 // Two points before a camera.
-struct Seen {
+struct SeenByOne {
   Rigid3 cam_from_world;
   std::array<Vector3d, 2> points;
   std::array<Vector3d, 2> rays;
 };
 
-Seen MakeSeen(Rng& rng) {
-  Seen seen;
+SeenByOne MakeSeen(Rng& rng) {
+  SeenByOne seen;
   seen.cam_from_world = RandomRigid3(rng, 10);
   for (int i = 0; i < 2; ++i) {
-    const Vector3d in_cam = Vector3d(0, 0, 6) + RandomVector(rng, 5);
+    const Vector3d in_cam = Vector3d(0, 0, 6) + VectorWithin(rng, 5);
     seen.points[i] = seen.cam_from_world.Inverse() * in_cam;
     seen.rays[i] = in_cam.normalized();
   }
@@ -43,7 +43,7 @@ double Distance(const CamFromLocal& pose, const Rigid3& truth) {
 TEST(P2p, OfAKnownCenterIsExact) {
   Rng rng = TestRng();
   for (int i = 0; i < 1000; ++i) {
-    const Seen seen = MakeSeen(rng);
+    const SeenByOne seen = MakeSeen(rng);
     const auto pose =
         SolvePoseAtCenter(seen.rays, seen.points, seen.cam_from_world.OriginInSource());
     ASSERT_TRUE(pose);
@@ -54,8 +54,8 @@ TEST(P2p, OfAKnownCenterIsExact) {
 TEST(P2p, OfAKnownVerticalIsExact) {
   Rng rng = TestRng();
   for (int i = 0; i < 1000; ++i) {
-    const Seen seen = MakeSeen(rng);
-    const Vector3d down = RandomVector(rng, 1).normalized();
+    const SeenByOne seen = MakeSeen(rng);
+    const Vector3d down = VectorWithin(rng, 1).normalized();
     std::array<CamFromLocal, 2> poses;
     const int count = SolveUprightPose(kOneCenter, seen.rays, seen.points,
                                        seen.cam_from_world.rotation * down, down, poses);
@@ -78,13 +78,13 @@ TEST(P2p, OfAKnownVerticalIsExact) {
 TEST(P2p, OfAKnownVerticalIsExactForTwoCameras) {
   Rng rng = TestRng();
   for (int i = 0; i < 1000; ++i) {
-    Seen seen = MakeSeen(rng);
+    SeenByOne seen = MakeSeen(rng);
     std::array<Vector3d, 2> centers;
     for (int k = 0; k < 2; ++k) {
-      centers[k] = RandomVector(rng, 1);
+      centers[k] = VectorWithin(rng, 1);
       seen.rays[k] = (seen.cam_from_world * seen.points[k] - centers[k]).normalized();
     }
-    const Vector3d down = RandomVector(rng, 1).normalized();
+    const Vector3d down = VectorWithin(rng, 1).normalized();
     std::array<CamFromLocal, 2> poses;
     const int count = SolveUprightPose(centers, seen.rays, seen.points,
                                        seen.cam_from_world.rotation * down, down, poses);

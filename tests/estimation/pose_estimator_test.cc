@@ -14,9 +14,9 @@ namespace {
 
 // Sanitizers make everything slow: fewer problems each.
 #ifdef __SANITIZE_ADDRESS__
-constexpr int kProblems = 3;
+constexpr int kPerRegime = 3;
 #else
-constexpr int kProblems = 20;
+constexpr int kPerRegime = 20;
 #endif
 
 constexpr double kSolvedDeg = 1;
@@ -56,7 +56,7 @@ int CountSolved(const EstimatorOptions& options, const std::vector<SyntheticProb
 class EveryRegime : public ::testing::TestWithParam<std::string> {
  protected:
   std::vector<SyntheticProblem> Problems() const {
-    return MakeRegime(RegimeByName(GetParam()), kProblems);
+    return MakeRegime(RegimeByName(GetParam()), kPerRegime);
   }
 };
 INSTANTIATE_TEST_SUITE_P(Standard, EveryRegime,
@@ -66,29 +66,29 @@ INSTANTIATE_TEST_SUITE_P(Standard, EveryRegime,
                          [](const auto& test) { return test.param; });
 
 TEST_P(EveryRegime, AdaptiveSolvesAll) {
-  EXPECT_EQ(CountSolved(StandardOptions(Method::kAdaptive), Problems()), kProblems);
+  EXPECT_EQ(CountSolved(StandardOptions(Method::kAdaptive), Problems()), kPerRegime);
 }
 
 TEST_P(EveryRegime, SelectSolvesAll) {
-  EXPECT_EQ(CountSolved(StandardOptions(Method::kSelect), Problems()), kProblems);
+  EXPECT_EQ(CountSolved(StandardOptions(Method::kSelect), Problems()), kPerRegime);
 }
 
 TEST_P(EveryRegime, SplitOptimizationSolvesAll) {
   EstimatorOptions options = StandardOptions(Method::kAdaptive);
   options.local_optimization = LocalOptimization::kSplit;
-  EXPECT_EQ(CountSolved(options, Problems()), kProblems);
+  EXPECT_EQ(CountSolved(options, Problems()), kPerRegime);
 }
 
 TEST_P(EveryRegime, P3pSolvesAllWithAccurateGeometry) {
   if (GetParam() == "noisy_points") GTEST_SKIP() << "points 0.3 m off are beyond its threshold";
-  EXPECT_EQ(CountSolved(StandardOptions(Method::kP3p), Problems()), kProblems);
+  EXPECT_EQ(CountSolved(StandardOptions(Method::kP3p), Problems()), kPerRegime);
 }
 
 TEST_P(EveryRegime, E5p1SolvesAllWhereThePositionIsObservable) {
   if (GetParam() == "shared_centre" || GetParam() == "forward_motion") {
     GTEST_SKIP() << "all centers are one, or lie on a line through the query's";
   }
-  EXPECT_EQ(CountSolved(StandardOptions(Method::kE5p1), Problems()), kProblems);
+  EXPECT_EQ(CountSolved(StandardOptions(Method::kE5p1), Problems()), kPerRegime);
 }
 
 class EveryScore : public ::testing::TestWithParam<ScoreCombination> {};
@@ -103,7 +103,7 @@ TEST_P(EveryScore, SolvesTheRegimesWithManyMatches) {
   for (const std::string_view name : {"accurate", "many_outliers", "few_points"}) {
     EstimatorOptions options = StandardOptions(Method::kAdaptive);
     options.score = GetParam();
-    const int count = kProblems / 2;
+    const int count = kPerRegime / 2;
     EXPECT_EQ(CountSolved(options, MakeRegime(RegimeByName(name), count)), count) << name;
   }
 }

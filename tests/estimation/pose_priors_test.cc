@@ -23,7 +23,7 @@ constexpr int kPriorProblems = 4;
 constexpr int kPriorProblems = 25;
 #endif
 
-Vector3d RandomDirection(Rng& rng) {
+Vector3d DrawDirection(Rng& rng) {
   const double x = rng.Normal();
   const double y = rng.Normal();
   return Vector3d(x, y, rng.Normal()).normalized();
@@ -52,7 +52,7 @@ TEST(PosePriors, GradientIsHalfOfTheCostsSlope) {
   for (int i = 0; i < 50; ++i) {
     const Rigid3 truth = RandomRigid3(rng, 2);
     PosePriors known = RightPriors(truth, 0.3, 5);
-    known.range = RangeOf(truth, 4, 0.3, RandomDirection(rng));
+    known.range = RangeOf(truth, 4, 0.3, DrawDirection(rng));
     const NormalizedPriors priors(known, Vector3d(0.1, 0.2, 0.3), 1.5, {});
     CamFromLocal pose{truth.rotation.toRotationMatrix(),
                       (truth.translation + truth.rotation * Vector3d(0.1, 0.2, 0.3)) / 1.5};
@@ -159,13 +159,8 @@ TEST(PosePriors, PullsAtPosesThatMayYetComeThere) {
   EXPECT_NEAR(information(1), 100, 3);
 }
 
-double PositionError(const PoseEstimate& estimate, const Rigid3& truth) {
-  if (!estimate.cam_from_world) return 1e3;
-  return (estimate.cam_from_world->OriginInSource() - truth.OriginInSource()).norm();
-}
-
 // Few right matches among many wrong ones.
-CoherentOptions FewMatches() {
+CoherentOptions FewCoherentMatches() {
   return {.num_keypoints = 10, .num_references = 2, .wrong = 0.7, .sigma_px = 1};
 }
 
@@ -178,7 +173,7 @@ template <typename MakePriors>
 Counts CountRight(Method method, Rng& rng, const MakePriors& make_priors) {
   Counts counts;
   for (int i = 0; i < kPriorProblems; ++i) {
-    CoherentProblem made = MakeCoherentProblem("few", FewMatches(), rng);
+    CoherentProblem made = MakeCoherentProblem("few", FewCoherentMatches(), rng);
     const auto right = [&] {
       const PoseEstimate estimate = EstimateWith(method, made.problem);
       EXPECT_TRUE(IsSound(estimate, made.problem));
@@ -243,9 +238,9 @@ TEST(PosePriors, AWrongOneTakesNothingFromManyMatches) {
     CoherentProblem made = MakeCoherentProblem("many", {.num_keypoints = 150}, rng);
     const PoseEstimate without = EstimateWith(Method::kAdaptive, made.problem);
     made.problem.priors = RightPriors(made.query_from_world, 1, 1);
-    made.problem.priors.position->position += 50 * RandomDirection(rng);
-    made.problem.priors.gravity->down_in_cam = RandomDirection(rng);
-    made.problem.priors.heading->right_in_world = RandomDirection(rng);
+    made.problem.priors.position->position += 50 * DrawDirection(rng);
+    made.problem.priors.gravity->down_in_cam = DrawDirection(rng);
+    made.problem.priors.heading->right_in_world = DrawDirection(rng);
     made.problem.priors.orientation->cam_from_world = RandomRigid3(rng, 1).rotation;
     const PoseEstimate with = EstimateWith(Method::kAdaptive, made.problem);
     ASSERT_TRUE(without.cam_from_world && with.cam_from_world);

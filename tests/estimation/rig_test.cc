@@ -29,11 +29,6 @@ constexpr int kRigProblems = 20;
 constexpr Method kMethods[] = {Method::kP3p,      Method::kE5p1,         Method::kD3p1,
                                Method::kAdaptive, Method::kHybridRansac, Method::kHloc};
 
-double PositionError(const PoseEstimate& estimate, const Rigid3& truth) {
-  if (!estimate.cam_from_world) return 1e3;
-  return (estimate.cam_from_world->OriginInSource() - truth.OriginInSource()).norm();
-}
-
 // What one camera of a rig sees, as a query of its own.
 PoseProblem OneImage(const PoseProblem& rig, int camera) {
   PoseProblem image = rig;

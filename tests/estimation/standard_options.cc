@@ -25,6 +25,11 @@ PoseEstimate EstimateWith(Method method, const PoseProblem& problem) {
   return EstimateWith(StandardOptions(method), problem);
 }
 
+double PositionError(const PoseEstimate& estimate, const Rigid3& truth) {
+  if (!estimate.cam_from_world) return 1e3;
+  return (estimate.cam_from_world->OriginInSource() - truth.OriginInSource()).norm();
+}
+
 ::testing::AssertionResult IsSound(const PoseEstimate& estimate, const PoseProblem& problem) {
   const auto fail = [](const char* what) { return ::testing::AssertionFailure() << what; };
   if (estimate.inliers_2d3d.size() != problem.matches_2d3d.size() ||

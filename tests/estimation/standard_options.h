@@ -8,6 +8,7 @@
 
 #include "raylift/estimation/options.h"
 #include "raylift/estimation/pose_estimate.h"
+#include "raylift/geometry/rigid3.h"
 #include "raylift/scene/pose_problem.h"
 
 namespace raylift {
@@ -17,6 +18,9 @@ EstimatorOptions StandardOptions(Method method);
 
 PoseEstimate EstimateWith(const EstimatorOptions& options, const PoseProblem& problem);
 PoseEstimate EstimateWith(Method method, const PoseProblem& problem);
+
+// Returns how far the camera's center is from the true one, 1000 where there is no pose.
+double PositionError(const PoseEstimate& estimate, const Rigid3& truth);
 
 // But D3+1, which needs points lifted from pairs (d3p1_test.cc).
 inline constexpr Method kEveryMethod[] = {Method::kP3p,    Method::kE5p1,         Method::kAdaptive,

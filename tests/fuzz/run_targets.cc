@@ -13,7 +13,7 @@
 namespace raylift {
 namespace {
 
-std::vector<std::string> One(std::string_view seed) { return {std::string(seed)}; }
+std::vector<std::string> OneSeed(std::string_view seed) { return {std::string(seed)}; }
 
 constexpr std::string_view kExperiment = R"(title = "The demo"
 seeds = [0, 1]
@@ -80,7 +80,7 @@ std::vector<FuzzTarget> RunFuzzTargets() {
          ExpandGrid(ReadExperiment(PutFile("experiment.toml", bytes),
                                    [](const std::string&) { return std::nullopt; }));
        },
-       [] { return One(kExperiment); },
+       [] { return OneSeed(kExperiment); },
        "${A} [[grid]] [[table]] [[figure]] [[claim]] every method score lo alpha align filter "
        "geometry scene where first second max_loss mode candidates {every} 9223372036854775807"},
       {"manifest",
@@ -90,7 +90,7 @@ std::vector<FuzzTarget> RunFuzzTargets() {
          ReadJobStatus(file.parent_path());
        },
        [] {
-         return One(
+         return OneSeed(
              "{\"command\": \"localize\", \"tasks\": 2}\n{\"num_references\": 1}\n"
              "{\"name\": \"a.jpg\", \"place\": 0, \"key\": \"k\", \"warnings\": []}\n");
        },

@@ -31,7 +31,7 @@ void WriteRows(const fs::path& file, const Rows& rows) {
   WriteFile(file, bytes);
 }
 
-std::vector<std::string> Names(const QueryMatches& matches) {
+std::vector<std::string> NamesOf(const QueryMatches& matches) {
   std::vector<std::string> names;
   for (const PosedImage& image : matches.references) names.push_back(image.name);
   return names;
@@ -76,7 +76,7 @@ TEST_F(PairFolder, HoldsTheSameMatchesAsHlocsFiles) {
     WriteRows(folder_ / ("query-a.png__ref-" + stem + ".png.npy"), of_pair);
   }
   const QueryMatches read = Open({}, 10, scene_.pairs())->Match(QueryA());
-  EXPECT_EQ(Names(read), Names(expected));
+  EXPECT_EQ(NamesOf(read), NamesOf(expected));
   ASSERT_EQ(read.matches.size(), expected.matches.size());
   // Keypoints are the same, whatever their numbers.
   std::map<int, int> number_of_keypoint;
@@ -101,7 +101,7 @@ TEST_F(PairFolder, FilesAreCalledAfterTheirPairInManyWays) {
     WriteRows(folder_ / name, {reference_first ? std::array<double, 4>{3, 4, 1, 2}
                                                : std::array<double, 4>{1, 2, 3, 4}});
     const QueryMatches matches = Match();
-    ASSERT_THAT(Names(matches), ElementsAre("ref/00.png")) << name;
+    ASSERT_THAT(NamesOf(matches), ElementsAre("ref/00.png")) << name;
     ASSERT_EQ(matches.matches.size(), 1u);
     EXPECT_EQ(matches.matches[0].query_px, Eigen::Vector2d(1.5, 2.5)) << name;
     EXPECT_EQ(matches.matches[0].reference_px, Eigen::Vector2d(3.5, 4.5)) << name;
@@ -113,7 +113,7 @@ TEST_F(PairFolder, AListSaysWhichFileIsOfWhichPair) {
   WriteMany("2.npy", 2);
   WriteFile(folder_ / "pairs.txt",
             "query/a.png ref/03.png x/1.npy\n# comment\nquery/a.png ref/01.png 2.npy\n");
-  EXPECT_THAT(Names(Match()), ElementsAre("ref/03.png", "ref/01.png"));
+  EXPECT_THAT(NamesOf(Match()), ElementsAre("ref/03.png", "ref/01.png"));
   EXPECT_EQ(Match().matches.size(), 3u);
   WriteFile(folder_ / "pairs.txt", "query/a.png ref/03.png x/1.npy\nquery/a.png ref/01.png\n");
   EXPECT_TRUE(FailsWithInputError([&] { Open(); }, {"pairs.txt", "line 2"}));
@@ -125,13 +125,14 @@ TEST_F(PairFolder, ReferencesAreRankedByTheListOrByTheirMatches) {
   WriteMany("a__00.npy", 1);
   WriteMany("a__01.npy", 3);
   WriteMany("a__02.npy", 2);
-  EXPECT_THAT(Names(Match()), ElementsAre("ref/01.png", "ref/02.png", "ref/00.png"));
-  EXPECT_THAT(Names(Open({}, 2)->Match(QueryA())), ElementsAre("ref/01.png", "ref/02.png"));
+  EXPECT_THAT(NamesOf(Match()), ElementsAre("ref/01.png", "ref/02.png", "ref/00.png"));
+  EXPECT_THAT(NamesOf(Open({}, 2)->Match(QueryA())), ElementsAre("ref/01.png", "ref/02.png"));
   // Thinned out is the second of two.
-  EXPECT_THAT(Names(Open({}, 2, {}, 2)->Match(QueryA())), ElementsAre("ref/02.png", "ref/00.png"));
+  EXPECT_THAT(NamesOf(Open({}, 2, {}, 2)->Match(QueryA())),
+              ElementsAre("ref/02.png", "ref/00.png"));
   WriteFile(folder_ / "pairs.txt", "query/a.png ref/02.png\nquery/a.png ref/04.png\n");
   const auto source = Open();
-  EXPECT_THAT(Names(source->Match(QueryA())), ElementsAre("ref/02.png", "ref/04.png"));
+  EXPECT_THAT(NamesOf(source->Match(QueryA())), ElementsAre("ref/02.png", "ref/04.png"));
   EXPECT_THAT(source->Warnings(),
               ElementsAre(HasSubstr("no matches of query/a.png with ref/04.png")));
   EXPECT_THAT(source->Match({"query/unknown.png", QueryA().camera}).references, IsEmpty());

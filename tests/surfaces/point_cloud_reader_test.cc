@@ -13,7 +13,7 @@
 namespace raylift {
 namespace {
 
-PointCloud ReadBytes(const std::string& name, const std::string& bytes) {
+PointCloud ReadCloudBytes(const std::string& name, const std::string& bytes) {
   const auto path = TestFolder() / name;
   WriteFile(path, bytes);
   return ReadPointCloud(path);
@@ -21,8 +21,8 @@ PointCloud ReadBytes(const std::string& name, const std::string& bytes) {
 
 void ExpectFails(const std::string& name, const std::string& bytes,
                  const std::vector<std::string>& parts) {
-  EXPECT_TRUE(FailsWithInputError([&] { ReadBytes(name, bytes); }, parts));
-  EXPECT_TRUE(FailsWithInputError([&] { ReadBytes(name, bytes); }, {name}));
+  EXPECT_TRUE(FailsWithInputError([&] { ReadCloudBytes(name, bytes); }, parts));
+  EXPECT_TRUE(FailsWithInputError([&] { ReadCloudBytes(name, bytes); }, {name}));
 }
 
 using Rgb = std::array<uint8_t, 3>;
@@ -37,7 +37,7 @@ TEST(ReadPointCloud, PlyOfBothByteOrdersHasNormalsAndColors) {
     for (const double x : {4e5 + 0.001, 5e6, -1.5}) AppendBytes(bytes, x, big);
     for (const float n : {0.f, 0.f, 1.f}) AppendBytes(bytes, n, big);
     for (const int c : {10, 20, 30}) AppendBytes(bytes, static_cast<uint8_t>(c), big);
-    const PointCloud cloud = ReadBytes("scan.ply", bytes);
+    const PointCloud cloud = ReadCloudBytes("scan.ply", bytes);
     ASSERT_EQ(cloud.points_in_world.size(), 1u);
     EXPECT_EQ(cloud.points_in_world[0], Eigen::Vector3d(4e5 + 0.001, 5e6, -1.5));
     EXPECT_EQ(cloud.normals.at(0), Eigen::Vector3f(0, 0, 1));
@@ -93,8 +93,9 @@ TEST(ReadPointCloud, LasHasScaleOffsetAndColors) {
   for (const LasFile& las : {LasFile{}, LasFile{.minor = 4, .format = 7, .record_bytes = 40}}) {
     const size_t color_at = las.format == 2 ? 20 : 30;
     const uint8_t noise = las.format == 2 ? 7 : 0;  // of the old formats, in the flags' byte
-    const PointCloud cloud = ReadBytes("scan.las", las.Header() + las.Point(1, 0, 2, color_at) +
-                                                       las.Point(5, noise, 18, color_at));
+    const PointCloud cloud =
+        ReadCloudBytes("scan.las", las.Header() + las.Point(1, 0, 2, color_at) +
+                                       las.Point(5, noise, 18, color_at));
     ASSERT_EQ(cloud.points_in_world.size(), 1u) << "noise is left out";
     EXPECT_LT((cloud.points_in_world[0] - Eigen::Vector3d(400000.001, 4999998, 0.003)).norm(),
               1e-8);
@@ -132,7 +133,7 @@ TEST(ReadPointCloud, PcdAsTextAndBinary) {
   for (const float x : {0.f, 0.f, 1.f}) AppendBytes(binary, x);
   for (int i = 0; i < 7; ++i) AppendBytes(binary, std::numeric_limits<float>::quiet_NaN());
   for (const std::string& bytes : {text, binary}) {
-    const PointCloud cloud = ReadBytes("scan.pcd", bytes);
+    const PointCloud cloud = ReadCloudBytes("scan.pcd", bytes);
     ASSERT_EQ(cloud.points_in_world.size(), 1u) << "what is not finite is left out";
     EXPECT_EQ(cloud.points_in_world[0], Eigen::Vector3d(1, 2, 3));
     EXPECT_EQ(cloud.normals.at(0), Eigen::Vector3f(0, 0, 1));
@@ -157,15 +158,15 @@ TEST(ReadPointCloud, BadPcdNamesTheField) {
 }
 
 TEST(ReadPointCloud, TextFindsItsColumns) {
-  PointCloud cloud = ReadBytes("a.xyz", "1 2 3\n\n# comment\n4,5;6\n");
+  PointCloud cloud = ReadCloudBytes("a.xyz", "1 2 3\n\n# comment\n4,5;6\n");
   EXPECT_EQ(cloud.points_in_world.size(), 2u);
   EXPECT_TRUE(cloud.normals.empty() && cloud.colors_rgb.empty());
-  cloud = ReadBytes("b.txt", "1 2 3 10 20 30 0 0.6 0.8\n1 2 4 11 20 30 0 1 0\n");
+  cloud = ReadCloudBytes("b.txt", "1 2 3 10 20 30 0 0.6 0.8\n1 2 4 11 20 30 0 1 0\n");
   EXPECT_EQ(cloud.colors_rgb.at(0), (Rgb{10, 20, 30}));
   EXPECT_EQ(cloud.normals.at(1), Eigen::Vector3f(0, 1, 0));
-  cloud = ReadBytes("c.pts", "2\n1 2 3 -1200.5 10 20 30\n1 2 4 7 11 20 30\n");
+  cloud = ReadCloudBytes("c.pts", "2\n1 2 3 -1200.5 10 20 30\n1 2 4 7 11 20 30\n");
   EXPECT_EQ(cloud.colors_rgb.at(1), (Rgb{11, 20, 30}));
-  cloud = ReadBytes("d.csv", "//Intensity,X,Y,Z\n0.5,1,2,3\n");
+  cloud = ReadCloudBytes("d.csv", "//Intensity,X,Y,Z\n0.5,1,2,3\n");
   EXPECT_EQ(cloud.points_in_world.at(0), Eigen::Vector3d(1, 2, 3));
 }
 

@@ -19,15 +19,15 @@
 namespace raylift {
 namespace {
 
-Splats ReadBytes(const std::string& bytes) {
+Splats ReadSplatBytes(const std::string& bytes) {
   const auto path = TestFolder() / "splats.ply";
   WriteFile(path, bytes);
   return ReadSplats(path);
 }
 
 void ExpectFails(const std::string& bytes, const std::vector<std::string>& parts) {
-  EXPECT_TRUE(FailsWithInputError([&] { ReadBytes(bytes); }, parts));
-  EXPECT_TRUE(FailsWithInputError([&] { ReadBytes(bytes); }, {"splats.ply"}));
+  EXPECT_TRUE(FailsWithInputError([&] { ReadSplatBytes(bytes); }, parts));
+  EXPECT_TRUE(FailsWithInputError([&] { ReadSplatBytes(bytes); }, {"splats.ply"}));
 }
 
 std::string Replaced(std::string text, const std::string& from, const std::string& to) {
@@ -45,7 +45,7 @@ TEST(ReadSplats, TrainedOnesComeBackAsTheyWere) {
     for (size_t i = 0; i < coefficients; ++i) {
       splat.harmonics[i] = static_cast<float>(i + 1) * Eigen::Vector3f(1, 10, 100);
     }
-    const Splats read = ReadBytes(SplatPly({{splat, splat}}, SplatLayout::kEllipsoids));
+    const Splats read = ReadSplatBytes(SplatPly({{splat, splat}}, SplatLayout::kEllipsoids));
     ASSERT_EQ(read.means.size(), 2u);
     EXPECT_EQ(read.means[1], Eigen::Vector3f(1, -2, 3));
     EXPECT_NEAR((read.scales[1] - Eigen::Vector3f(0.5f, 0.25f, 0.125f)).norm(), 0, 1e-7);
@@ -63,7 +63,7 @@ TEST(ReadSplats, TrainedOnesComeBackAsTheyWere) {
 
 TEST(ReadSplats, DiscsHaveTwoScales) {
   const Splats read =
-      ReadBytes(SplatPly({{TestSplat{.scale = {0.5, 0.25, 7}}}}, SplatLayout::kDiscs));
+      ReadSplatBytes(SplatPly({{TestSplat{.scale = {0.5, 0.25, 7}}}}, SplatLayout::kDiscs));
   EXPECT_NEAR(double{read.scales.at(0)[1]}, 0.25, 1e-7);
   EXPECT_LT(read.scales[0][2], 1e-6f);
 }
@@ -79,11 +79,11 @@ TEST(ReadSplats, PlainColorsStandForHarmonics) {
   for (const float value : {0.f, 0.f, 5.f}) AppendBytes(bytes, value);
   for (const int value : {255, 51, 0}) AppendBytes(bytes, static_cast<uint8_t>(value));
   for (const float value : {3.f, 0.f, 0.f, 0.f, 1.f, 0.f, 0.f, 0.f}) AppendBytes(bytes, value);
-  const Splats splats = ReadBytes(bytes);
+  const Splats splats = ReadSplatBytes(bytes);
   EXPECT_NEAR((SplatColors(splats, {0, 0, 0}, 1).at(0) - Eigen::Vector3f(1, 0.2f, 0)).norm(), 0,
               1e-6);
   std::string bare = Replaced(bytes, "red", "rot");
-  EXPECT_TRUE(ReadBytes(bare).harmonics.empty());
+  EXPECT_TRUE(ReadSplatBytes(bare).harmonics.empty());
 }
 
 TEST(ReadSplats, WhatCannotBeSeenIsLeftOut) {
@@ -99,7 +99,7 @@ TEST(ReadSplats, WhatCannotBeSeenIsLeftOut) {
   unturned.rotation.coeffs().setZero();
   TestSplat colorless = good;
   colorless.harmonics[0].x() = std::numeric_limits<float>::quiet_NaN();
-  const Splats read = ReadBytes(
+  const Splats read = ReadSplatBytes(
       SplatPly({{good, faint, endless, nowhere, unturned, colorless}}, SplatLayout::kEllipsoids));
   EXPECT_EQ(read.means.size(), 1u);
   ASSERT_EQ(read.warnings.size(), 1u);
@@ -169,7 +169,7 @@ TEST(ReadSplats, CompressedOnesAreUnpackedByTheirChunks) {
   const uint32_t half_turn = 2u << 30 | 512u << 20 | 512u << 10 | 1023u;
   file.vertices = {{Pack111011(0, 1023, 2047), half_turn, Pack111011(2047, 0, 2047),
                     255u << 24 | 51u << 16 | 0u << 8 | 204u}};
-  const Splats read = ReadBytes(file.Bytes());
+  const Splats read = ReadSplatBytes(file.Bytes());
   ASSERT_EQ(read.means.size(), 1u);
   EXPECT_NEAR((read.means[0] - Eigen::Vector3f(-1, 4, 20)).norm(), 0, 1e-5);
   EXPECT_NEAR(std::log(double{read.scales[0][0]}), -1, 1e-6);
@@ -190,7 +190,7 @@ TEST(ReadSplats, EachChunkIsOf256AndOlderOnesHaveNoColors) {
       "max_scale_x max_scale_y max_scale_z";
   file.chunks = {1, 1, 1, 1, 1, 1, 0, 0, 0, 0, 0, 0, 2, 2, 2, 2, 2, 2, 0, 0, 0, 0, 0, 0};
   file.vertices.assign(257, {0, 512u << 20 | 512u << 10 | 512u, 0, 0x336699ffu});
-  const Splats read = ReadBytes(file.Bytes());
+  const Splats read = ReadSplatBytes(file.Bytes());
   EXPECT_EQ(read.means.at(255), Eigen::Vector3f(1, 1, 1));
   EXPECT_EQ(read.means.at(256), Eigen::Vector3f(2, 2, 2));
   EXPECT_NEAR(double{SplatColors(read, {0, 0, 0}, 1)[256][1]}, 0.4, 1e-6);
@@ -203,7 +203,7 @@ TEST(ReadSplats, CompressedHarmonicsAreBytes) {
   file.vertices = {{0, 512u << 20 | 512u << 10 | 512u, 0, 0xffffffffu}};
   file.harmonics = 9;
   for (int i = 0; i < 9; ++i) file.harmonic_bytes += static_cast<char>(i == 4 ? 255 : 0);
-  const Splats read = ReadBytes(file.Bytes());
+  const Splats read = ReadSplatBytes(file.Bytes());
   EXPECT_EQ(read.degree, 1);
   ASSERT_EQ(read.harmonics.size(), 4u);
   EXPECT_EQ(read.harmonics[2], Eigen::Vector3f(-4, 4, -4)) << "green's second one";
@@ -223,7 +223,7 @@ TEST(ReadSplats, CutFilesAreErrorsOfOneLine) {
   for (const std::string& whole : {SplatPly({{splat}}, SplatLayout::kEllipsoids), packed.Bytes()}) {
     for (size_t size = 0; size < whole.size(); ++size) {
       const std::string cut = whole.substr(0, size);
-      EXPECT_TRUE(FailsWithInputError([&] { ReadBytes(cut); }, {"splats.ply"})) << size;
+      EXPECT_TRUE(FailsWithInputError([&] { ReadSplatBytes(cut); }, {"splats.ply"})) << size;
     }
   }
 }
