@@ -26,8 +26,11 @@ PoseEstimate EstimateWith(Method method, const PoseProblem& problem) {
 }
 
 double PositionError(const PoseEstimate& estimate, const Rigid3& truth) {
-  if (!estimate.cam_from_world) return 1e3;
-  return (estimate.cam_from_world->OriginInSource() - truth.OriginInSource()).norm();
+  return (estimate.cam_from_world.value().OriginInSource() - truth.OriginInSource()).norm();
+}
+
+double PositionErrorOrFar(const PoseEstimate& estimate, const Rigid3& truth) {
+  return estimate.cam_from_world ? PositionError(estimate, truth) : 1e3;
 }
 
 ::testing::AssertionResult IsSound(const PoseEstimate& estimate, const PoseProblem& problem) {

@@ -19,8 +19,10 @@ EstimatorOptions StandardOptions(Method method);
 PoseEstimate EstimateWith(const EstimatorOptions& options, const PoseProblem& problem);
 PoseEstimate EstimateWith(Method method, const PoseProblem& problem);
 
-// Returns how far the camera's center is from the true one, 1000 where there is no pose.
+// Returns how far the camera's center is from the true one. Where there is no pose, the first throws,
+// and for the second it is 1000 away.
 double PositionError(const PoseEstimate& estimate, const Rigid3& truth);
+double PositionErrorOrFar(const PoseEstimate& estimate, const Rigid3& truth);
 
 // But D3+1, which needs points lifted from pairs (d3p1_test.cc).
 inline constexpr Method kEveryMethod[] = {Method::kP3p,    Method::kE5p1,         Method::kAdaptive,
