@@ -4,6 +4,7 @@
 #include <limits>
 #include <map>
 #include <memory>
+#include <numeric>
 #include <optional>
 #include <span>
 #include <string>
@@ -28,47 +29,84 @@ namespace {
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
-using SurfacePoints = std::vector<std::optional<SurfacePoint>>;
+// What pixels show, by columns; where there is no surface, NaN and source -1.
+class SurfaceColumns {
+ public:
+  explicit SurfaceColumns(py::ssize_t count)
+      : points_({count, py::ssize_t{3}}),
+        normals_({count, py::ssize_t{3}}),
+        depth_(count),
+        incidence_deg_(count),
+        sigma_(count),
+        depth_jump_(count),
+        back_face_(count),
+        source_(count) {}
 
-template <typename T, typename Get>
-py::array_t<T> PerPoint(const SurfacePoints& points, T none, const Get& get) {
-  py::array_t<T> array(std::ssize(points));
-  for (size_t i = 0; i < points.size(); ++i) {
-    array.mutable_data()[i] = points[i] ? static_cast<T>(get(*points[i])) : none;
+  // Touches no Python object: may be called without the interpreter's lock.
+  void Set(size_t i, const std::optional<SurfacePoint>& point, int64_t source) {
+    const Eigen::Vector3d none = Eigen::Vector3d::Constant(kNaN);
+    Eigen::Map<Eigen::Vector3d>(points_.mutable_data() + 3 * i) =
+        point ? point->point_in_world : none;
+    Eigen::Map<Eigen::Vector3d>(normals_.mutable_data() + 3 * i) =
+        point ? point->normal_in_world : none;
+    depth_.mutable_data()[i] = point ? point->depth_z : kNaN;
+    incidence_deg_.mutable_data()[i] = point ? point->incidence_deg : kNaN;
+    sigma_.mutable_data()[i] = point ? point->point_sigma.value_or(kNaN) : kNaN;
+    depth_jump_.mutable_data()[i] = point ? point->depth_jump.value_or(kNaN) : kNaN;
+    back_face_.mutable_data()[i] = point && point->back_face;
+    source_.mutable_data()[i] = source;
   }
-  return array;
-}
 
-py::dict ToDict(const SurfacePoints& points) {
-  const Eigen::Vector3d none = Eigen::Vector3d::Constant(kNaN);
-  py::dict dict;
-  dict["points"] = MakeRows(points.size(), 3,
-                            [&](size_t i) { return points[i] ? points[i]->point_in_world : none; });
-  dict["normals"] = MakeRows(
-      points.size(), 3, [&](size_t i) { return points[i] ? points[i]->normal_in_world : none; });
-  dict["depth"] = PerPoint(points, kNaN, [](const SurfacePoint& p) { return p.depth_z; });
-  dict["incidence_deg"] =
-      PerPoint(points, kNaN, [](const SurfacePoint& p) { return p.incidence_deg; });
-  dict["sigma"] =
-      PerPoint(points, kNaN, [](const SurfacePoint& p) { return p.point_sigma.value_or(kNaN); });
-  dict["depth_jump"] =
-      PerPoint(points, kNaN, [](const SurfacePoint& p) { return p.depth_jump.value_or(kNaN); });
-  dict["back_face"] = PerPoint(points, false, [](const SurfacePoint& p) { return p.back_face; });
-  return dict;
-}
+  py::dict ToDict() const {
+    py::dict dict;
+    dict["points"] = points_;
+    dict["normals"] = normals_;
+    dict["depth"] = depth_;
+    dict["incidence_deg"] = incidence_deg_;
+    dict["sigma"] = sigma_;
+    dict["depth_jump"] = depth_jump_;
+    dict["back_face"] = back_face_;
+    return dict;
+  }
+  const py::array_t<int64_t>& source() const { return source_; }
 
-// In blocks, between which the call can be ended.
-SurfacePoints LiftInBlocks(const GeometrySource& source, const PosedImage& reference,
-                           std::span<const Eigen::Vector2d> pixels) {
-  constexpr size_t kBlock = size_t{1} << 17;
-  SurfacePoints points;
-  do {
-    if (CallWatch* const watch = CallWatch::Current()) watch->Check();
-    const auto some = source.Lift(
-        reference, pixels.subspan(points.size(), std::min(kBlock, pixels.size() - points.size())));
-    points.insert(points.end(), some.begin(), some.end());
-  } while (points.size() < pixels.size());
-  return points;
+ private:
+  py::array_t<double> points_, normals_, depth_, incidence_deg_, sigma_, depth_jump_;
+  py::array_t<bool> back_face_;
+  py::array_t<int64_t> source_;
+};
+
+// Of each pixel the point of the first source that has one, and which. The call can be ended after
+// each block of pixels.
+SurfaceColumns LiftByFirst(std::span<const std::shared_ptr<const GeometrySource>> sources,
+                           const PosedImageLike& reference, const ArrayLike& given_pixels) {
+  constexpr size_t kBlock = size_t{1} << 16;
+  const PosedImage image = ToPosedImage(reference);
+  const auto pixels = Rows<2>(given_pixels, "pixels").ToVector();
+  SurfaceColumns columns(std::ssize(pixels));
+  WithoutLock([&] {
+    for (size_t begin = 0; begin < pixels.size(); begin += kBlock) {
+      std::vector<size_t> left(std::min(kBlock, pixels.size() - begin));
+      std::iota(left.begin(), left.end(), begin);
+      for (size_t s = 0; s < sources.size() && !left.empty(); ++s) {
+        if (CallWatch* const watch = CallWatch::Current()) watch->Check();
+        std::vector<Eigen::Vector2d> asked;
+        for (const size_t i : left) asked.push_back(pixels[i]);
+        const auto lifted = sources[s]->Lift(image, asked);
+        std::vector<size_t> without;
+        for (size_t k = 0; k < left.size(); ++k) {
+          if (lifted[k]) {
+            columns.Set(left[k], lifted[k], static_cast<int64_t>(s));
+          } else {
+            without.push_back(left[k]);
+          }
+        }
+        left = std::move(without);
+      }
+      for (const size_t i : left) columns.Set(i, std::nullopt, -1);
+    }
+  });
+  return columns;
 }
 
 constexpr const char* kLiftDoc =
@@ -78,13 +116,6 @@ the optical axis, sigma (standard deviation of the point, where it is known) in 
 incidence_deg, depth_jump (largest relative jump of depth around the pixel, where it was looked
 for), back_face (bool).)";
 
-py::dict LiftPixels(const GeometrySource& source, const PosedImageLike& reference,
-                    const ArrayLike& pixels) {
-  const PosedImage image = ToPosedImage(reference);
-  const auto keypoints = Rows<2>(pixels, "pixels").ToVector();
-  return ToDict(WithoutLock([&] { return LiftInBlocks(source, image, keypoints); }));
-}
-
 // Depth maps from memory, by the names of their references.
 class DepthInMemory final : public GeometrySource {
  public:
@@ -92,10 +123,10 @@ class DepthInMemory final : public GeometrySource {
       : maps_(std::move(maps)), sampling_(sampling) {}
 
   std::string Description() const override { return "depth from memory"; }
-  SurfacePoints Lift(const PosedImage& reference,
-                     std::span<const Eigen::Vector2d> pixels) const override {
+  std::vector<std::optional<SurfacePoint>> Lift(
+      const PosedImage& reference, std::span<const Eigen::Vector2d> pixels) const override {
     const auto map = maps_.find(reference.name);
-    if (map == maps_.end()) return SurfacePoints(pixels.size());
+    if (map == maps_.end()) return std::vector<std::optional<SurfacePoint>>(pixels.size());
     return LiftByDepthMap(map->second, reference, pixels, sampling_);
   }
   const std::map<std::string, DepthMap>& maps() const { return maps_; }
@@ -192,7 +223,7 @@ void BindSources(py::module_& module) {
       .def(
           "lift",
           [](const Geometry& geometry, const PosedImageLike& reference, const ArrayLike& pixels) {
-            return LiftPixels(*geometry.named.source, reference, pixels);
+            return LiftByFirst({&geometry.named.source, 1}, reference, pixels).ToDict();
           },
           py::arg("reference"), py::arg("pixels"), kLiftDoc)
       .def("__repr__", [](const Geometry& geometry) {
@@ -243,34 +274,13 @@ class Lifter {
   Lifter(std::vector<std::shared_ptr<const GeometrySource>> sources, GeometryMode mode)
       : sources_(std::move(sources)), mode_(mode) {}
 
-  // Of each pixel the point of the first source that has one, and which.
-  std::pair<SurfacePoints, std::vector<int64_t>> Lift(
-      const PosedImage& reference, const std::vector<Eigen::Vector2d>& pixels) const {
-    SurfacePoints points(pixels.size());
-    std::vector<int64_t> of_source(pixels.size(), -1);
-    std::vector<size_t> left(pixels.size());
-    for (size_t i = 0; i < left.size(); ++i) left[i] = i;
-    for (size_t s = 0; s < sources_.size() && !left.empty(); ++s) {
-      std::vector<Eigen::Vector2d> asked;
-      for (const size_t i : left) asked.push_back(pixels[i]);
-      const SurfacePoints lifted = LiftInBlocks(*sources_[s], reference, asked);
-      for (size_t k = 0; k < left.size(); ++k) {
-        if (!lifted[k]) continue;
-        points[left[k]] = lifted[k];
-        of_source[left[k]] = static_cast<int64_t>(s);
-      }
-      std::erase_if(left, [&](size_t i) { return points[i].has_value(); });
-    }
-    return {std::move(points), std::move(of_source)};
-  }
-
   LiftResult LiftAll(const PoseProblem& problem) const {
     std::vector<const GeometrySource*> sources;
     for (const auto& source : sources_) sources.push_back(source.get());
     return LiftMatches(sources, mode_, problem.references, problem.matches_2d2d);
   }
 
-  size_t num_sources() const { return sources_.size(); }
+  const std::vector<std::shared_ptr<const GeometrySource>>& sources() const { return sources_; }
 
  private:
   std::vector<std::shared_ptr<const GeometrySource>> sources_;
@@ -298,12 +308,9 @@ or those of "all".)")
       .def(
           "lift",
           [](const Lifter& lifter, const PosedImageLike& reference, const ArrayLike& pixels) {
-            const PosedImage image = ToPosedImage(reference);
-            const auto keypoints = Rows<2>(pixels, "pixels").ToVector();
-            auto [points, of_source] = WithoutLock([&] { return lifter.Lift(image, keypoints); });
-            py::dict dict = ToDict(points);
-            const auto count = std::ssize(of_source);
-            dict["source"] = HandOver(std::move(of_source), {count});
+            const SurfaceColumns columns = LiftByFirst(lifter.sources(), reference, pixels);
+            py::dict dict = columns.ToDict();
+            dict["source"] = columns.source();
             return dict;
           },
           py::arg("reference"), py::arg("pixels"),

@@ -369,31 +369,34 @@ except KeyboardInterrupt:
 
 
 @pytest.mark.parametrize("call", ["caster.render(camera, pose, ['depth', 'normals'], supersampling=4)",
-                                  "caster.cast([[0, 0, 1]], random.normal(size=(4000000, 3)))",
+                                  "caster.cast([[0, 0, 1]], directions)",
                                   "raylift.Geometry(mesh).lift(('PINHOLE 400 400 300 300 200 200', pose), pixels)",
                                   "raylift.Lifter(mesh).lift(('PINHOLE 400 400 300 300 200 200', pose), pixels)"])
 def test_ctrl_c_ends_long_work_on_meshes(call: str) -> None:
+    # Asked for at a tenth of a call, the end costs less than half of it, in CPU time of one process.
     script = f"""
 import os, signal, time, threading
 import numpy as np, raylift
 signal.signal(signal.SIGINT, signal.default_int_handler)
 random = np.random.default_rng(0)
 mesh = raylift.Mesh.read(os.environ["RAYLIFT_SOURCE"] + "/assets/demo/scene.obj")
-caster, camera, pose = raylift.RayCaster(mesh), "PINHOLE 4000 4000 3000 3000 2000 2000", raylift.Rigid3()
-pixels = random.uniform(0, 400, (4000000, 2))
+caster, camera, pose = raylift.RayCaster(mesh), "PINHOLE 1000 1000 750 750 500 500", raylift.Rigid3()
+pixels, directions = random.uniform(0, 400, (4000000, 2)), random.normal(size=(4000000, 3))
+start, cpu_start = time.monotonic(), time.process_time()
+{call}
+whole, cpu_whole = time.monotonic() - start, time.process_time() - cpu_start
 asked = []
 def ask():
     asked.append(time.process_time())
     os.kill(os.getpid(), signal.SIGINT)
-threading.Timer(0.3, ask).start()
+threading.Timer(whole / 10, ask).start()
 try:
-    while True:
-        {call}
+    {call}
 except KeyboardInterrupt:
-    assert time.process_time() - asked[0] < 1.5
+    assert time.process_time() - asked[0] < cpu_whole / 2
     print("stopped")
 """
-    run = subprocess.run([sys.executable, "-c", script], text=True, capture_output=True, timeout=100)
+    run = subprocess.run([sys.executable, "-c", script], text=True, capture_output=True, timeout=600)
     assert run.stdout == "stopped\n", run.stderr
 
 
