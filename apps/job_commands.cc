@@ -19,6 +19,7 @@
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
 #include "raylift/jobs/task_job.h"
+#include "raylift/sequences/smooth_queries.h"
 
 namespace raylift {
 namespace {
@@ -156,7 +157,7 @@ class Merger {
   void MergeLocalize() const {
     RequireWritable(out_ / "poses.txt");
     const FolderLock lock(out_, FolderLock::Mode::kExclusive);
-    const TaskManifest all = ReadAll(QueryJobForm(), "queries");
+    const TaskManifest all = ReadAll(QueryJobForm(out_), "queries");
     const std::optional<RunFacts> facts = FactsOf(all);
     if (!facts) throw InputError(files_.front(), "holds no line of the scene");
     const std::vector<QueryRecord> records = RecordsOf(all);
@@ -165,7 +166,7 @@ class Merger {
     const CommittedFiles results;
     WriteResults(out_, *facts, records, std::nullopt);
     TakeFile("options.json", out_, files_);
-    RemoveWalkFiles(out_);
+    RemoveWalk(out_);
     TaskManifest whole = WithRecords(all, records);
     whole.results = PromiseFiles(out_, results.paths());
     WriteWholeManifest(out_, whole);

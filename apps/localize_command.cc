@@ -145,6 +145,7 @@ void LocalizeContinuously(const LocalizeFlags& flags, const ContinuousInputs& in
   times.queries = clock.Lap();
   times.writing = output.ShowSeconds();
   WritePoses(flags.out / "poses.txt", localized);
+  RemoveWalk(flags.out);
   WriteSummary(flags.out / "summary.json", localized,
                {.num_references = scene.references.images.size(),
                 .geometry = SummaryOf(scene.sources),
@@ -154,20 +155,20 @@ void LocalizeContinuously(const LocalizeFlags& flags, const ContinuousInputs& in
                 inputs.options_of_results);
 }
 
-// The walk of --odometry is read before the work and smoothed after it.
+// The walks of --odometry are read before the work and smoothed after it.
 
-// The walk of the queries.
-Walk OpenWalk(const LocalizeFlags& flags, std::span<const Query> queries) {
-  return ReadWalk(flags.walk.odometry, flags.times, NamesOf(queries), flags.walk.cam_from_body);
+std::vector<Walk> OpenWalks(const LocalizeFlags& flags, std::span<const Query> queries) {
+  return ReadWalks(flags.walk.odometry, flags.times, NamesOf(queries), flags.walk.cam_from_body);
 }
 
-// Smooths the records of all queries, which then tell their poses in the walk.
-WalkedQueries SmoothRecords(const LocalizeFlags& flags, const Walk& walk, const Scene& scene,
-                            std::span<const Query> queries, std::vector<QueryRecord>& records) {
+// Smooths the records of all queries, which then tell their poses in the walks.
+WalkedQueries SmoothRecords(const LocalizeFlags& flags, std::span<const Walk> walks,
+                            const Scene& scene, std::span<const Query> queries,
+                            std::vector<QueryRecord>& records) {
   std::vector<LocalizedQuery> alone;
   for (QueryRecord& record : records) alone.push_back(std::move(record.localized));
   WalkedQueries walked =
-      SmoothQueries(alone, queries, walk, SceneDistances(scene, flags.run.threads),
+      SmoothQueries(alone, queries, walks, SceneDistances(scene, flags.run.threads),
                     {.scale = flags.walk.scale,
                      .min_confidence = flags.min_confidence,
                      .online = flags.walk.online});
@@ -178,26 +179,16 @@ WalkedQueries SmoothRecords(const LocalizeFlags& flags, const Walk& walk, const 
   return walked;
 }
 
-// walk.json, trajectory.txt and trajectory_covariance.txt; without a walk, those of a run before this
-// one are removed.
-void WriteWalk(const std::filesystem::path& folder, const std::optional<WalkedQueries>& walked) {
-  if (!walked) {
-    RemoveWalkFiles(folder);
-    return;
-  }
-  WriteFile(folder / "walk.json", FormatWalk(*walked));
-  WriteTrajectory(folder, *walked);
-}
-
 // What it says on stdout.
 void PrintWalk(const WalkedQueries& walked) {
   fmt::print("walk: {} poses smoothed, {} rescued, {} replaced, {} dropped",
              walked.Count(WalkRole::kSmoothed), walked.Count(WalkRole::kRescued),
              walked.Count(WalkRole::kReplaced), walked.Count(WalkRole::kDropped));
-  if (walked.walk) {
-    const SmoothedWalk& walk = *walked.walk;
-    fmt::print("; odometry's scale {:.4g}, noise of a step {:.2g} and {:.2g} degrees", walk.scale,
-               walk.step_sigma, walk.step_rotation_sigma_deg);
+  for (const auto& [folder, queries, odometry] : walked.walks) {
+    if (!odometry) continue;
+    fmt::print("; {}odometry's scale {:.4g}, noise of a step {:.2g} and {:.2g} degrees",
+               folder.empty() ? "" : folder + ": ", odometry->scale, odometry->step_sigma,
+               odometry->step_rotation_sigma_deg);
   }
   fmt::print("\n");
 }
@@ -215,7 +206,7 @@ class LocalizeRun {
       scene_ = std::move(inputs.scene);
       queries_ = std::move(inputs.queries);
       options_of_results_ = OptionsWithWorld(options_json_, inputs.world);
-      if (flags_.walk.enabled()) walk_ = OpenWalk(flags_, queries_);
+      if (flags_.walk.enabled()) walks_ = OpenWalks(flags_, queries_);
     });
     times_.reading = clock_.Lap();
     warnings_ = scene_.warnings;
@@ -323,7 +314,11 @@ class LocalizeRun {
     PrintWarnings(job.machine_warnings());
     const CommittedFiles results;
     WriteResults(flags_.out, facts, *records, times_);
-    WriteWalk(flags_.out, walked);
+    if (walked) {
+      WriteWalk(flags_.out, *walked);
+    } else {
+      RemoveWalk(flags_.out);
+    }
     std::vector<LocalizedQuery> localized;
     for (const QueryRecord& record : *records) localized.push_back(record.localized);
     output_->Finish(localized,
@@ -339,9 +334,9 @@ class LocalizeRun {
 
   // nullopt where no odometry is given.
   std::optional<WalkedQueries> Smooth(const RunFacts& facts, std::vector<QueryRecord>& records) {
-    if (!walk_) return std::nullopt;
+    if (walks_.empty()) return std::nullopt;
     TakeCalibration(facts);
-    return SmoothRecords(flags_, *walk_, scene_, queries_, records);
+    return SmoothRecords(flags_, walks_, scene_, queries_, records);
   }
 
   const LocalizeFlags& flags_;
@@ -349,7 +344,7 @@ class LocalizeRun {
   const std::string& options_json_;
   std::string options_of_results_;
   std::vector<Query> queries_;
-  std::optional<Walk> walk_;
+  std::vector<Walk> walks_;
   Scene scene_;
   std::vector<std::string> warnings_;
   std::unique_ptr<LocalizeOutput> output_;

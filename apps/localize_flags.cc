@@ -296,7 +296,9 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags, const char* out
            "How the camera moved between the queries, in any frame: TUM's trajectory\n"
            "(time tx ty tz qx qy qz qw, camera to world), EuRoC's CSV, KITTI's poses, a\n"
            "COLMAP model, a pose file, kapture, transforms.json, or lines of JSON as of\n"
-           "ARKit. Poses are smoothed by it, and queries without one get the walk's");
+           "ARKit. Poses are smoothed by it, and queries without one get the walk's.\n"
+           "Of several walks: lines `walk FOLDER ODOMETRY [TIMES]`, each of the queries\n"
+           "whose names start with FOLDER/; the other options of walks hold for all");
   walk.AddParsed("--cam-from-body", flags.walk.cam_from_body, &ParsePose,
                  "QW QX QY QZ TX TY TZ of what the odometry moves (an IMU, a robot's base) in\n"
                  "the camera: points of the body to those of the camera, in its unit",
@@ -306,7 +308,8 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags, const char* out
             "Each query's pose by those before it alone, as while the walk is taken");
   walk.Add("--times", flags.times,
            "When photographs were taken: lines `name seconds`. With --odometry of the\n"
-           "queries (default: their names, if these are times), with --continuous also of\n"
+           "queries (default: the odometry's, or their names, if these are times; in a list,\n"
+           "it is for walks of which nothing else tells), with --continuous also of\n"
            "references; those older than these first, backwards (default: by name)");
   const OptionGroup output(command, "Output");
   output.Add("--out", flags.out, out_help).Required();

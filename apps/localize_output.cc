@@ -45,7 +45,7 @@ void RefuseFormerResults(const LocalizeFlags& flags) {
                       fmt::format("holds a former run {} --continuous; --overwrite removes it",
                                   flags.continuous.enabled ? "without" : "with"));
   }
-  RefuseFormerRun(flags.running.In(flags.out), QueryJobForm());
+  RefuseFormerRun(flags.running.In(flags.out), QueryJobForm(flags.out));
 }
 
 void RemoveOtherMode(const LocalizeFlags& flags) {

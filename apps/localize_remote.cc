@@ -64,7 +64,7 @@ void RemoveFormerResults(const LocalizeFlags& localize) {
   const std::filesystem::path& out = localize.out;
   const bool is_of_run = !ListManifests(out).empty();
   RemoveOtherMode(localize);
-  RemoveFormerRun(out, QueryJobForm());
+  RemoveFormerRun(out, QueryJobForm(out));
   if (!is_of_run) return;
   std::error_code ignored;
   for (const char* name : {"options.json", "timing.jsonl", "depth_alignment.jsonl"}) {

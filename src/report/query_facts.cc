@@ -130,23 +130,24 @@ void AddSinglePose(const WalkedQuery& walked, SceneJson& scene) {
 }
 
 Json WalkJson(const WalkedQueries& walked) {
-  std::vector<const WalkedQuery*> frames;
-  for (const WalkedQuery& query : walked.queries) {
-    if (query.time_s && query.localized.localized()) frames.push_back(&query);
+  Json json = {{"frames", Json::array()}, {"odometry", Json::array()}};
+  for (size_t i = 0; i < walked.walks.size(); ++i) {
+    const ToldWalk& walk = walked.walks[i];
+    for (const size_t query : walk.queries) {
+      const WalkedQuery& frame = walked.queries[query];
+      if (!frame.localized.localized()) continue;
+      json["frames"].push_back({{"query", frame.localized.name},
+                                {"walk", i},
+                                {"time_s", *frame.time_s},
+                                {"role", ToString(frame.role)},
+                                {"lost_before", frame.lost_before}});
+    }
+    Json& odometry = json["odometry"].emplace_back(Json{{"folder", walk.folder}});
+    if (!walk.odometry) continue;
+    odometry["scale"] = walk.odometry->scale;
+    odometry["step_sigma"] = walk.odometry->step_sigma;
+    odometry["step_rotation_sigma_deg"] = walk.odometry->step_rotation_sigma_deg;
   }
-  std::sort(frames.begin(), frames.end(),
-            [](const WalkedQuery* a, const WalkedQuery* b) { return *a->time_s < *b->time_s; });
-  Json json = {{"frames", Json::array()}, {"odometry", nullptr}};
-  for (const WalkedQuery* frame : frames) {
-    json["frames"].push_back({{"query", frame->localized.name},
-                              {"time_s", *frame->time_s},
-                              {"role", ToString(frame->role)},
-                              {"lost_before", frame->lost_before}});
-  }
-  if (!walked.walk) return json;
-  json["odometry"] = {{"scale", walked.walk->scale},
-                      {"step_sigma", walked.walk->step_sigma},
-                      {"step_rotation_sigma_deg", walked.walk->step_rotation_sigma_deg}};
   return json;
 }
 

@@ -35,8 +35,10 @@ void TakeWalk(const WalkedQuery& walked, const Query& query, const RayCaster* me
 // Adds the pose that the photograph had by itself where the walk has another.
 void AddSinglePose(const WalkedQuery& walked, SceneJson& scene);
 
-// The frames with a pose in the order of their times, and what the odometry was:
-// {"frames": [{"query", "time_s", "role", "lost_before"}], "odometry": null or {...}}.
+// The frames with a pose, walk by walk in the order of their times, and what each walk's odometry
+// was: {"frames": [{"query", "walk", "time_s", "role", "lost_before"}], "odometry": [{"folder",
+// "scale", "step_sigma", "step_rotation_sigma_deg"}]}; the last three where the walk told
+// something.
 nlohmann::ordered_json WalkJson(const WalkedQueries& walked);
 
 }  // namespace raylift

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <system_error>
 #include <utility>
 
 #include "base/json_members.h"
@@ -12,6 +13,7 @@
 #include "geometry/pose_json.h"
 #include "io/scene/trajectory_file.h"
 #include "io/text/line_tokens.h"
+#include "localization/results/query_job.h"
 #include "localization/results/result_json.h"
 #include "sequences/chain.h"
 #include "sequences/odometry_axes.h"
@@ -148,16 +150,108 @@ std::optional<std::string> WarningOfAxes(std::span<const WalkEvidence> frames, c
       better->median_deg, better->median_deg_as_read);
 }
 
-// In the order of their times.
-std::vector<const WalkedQuery*> LocalizedInWalk(const WalkedQueries& walked) {
-  std::vector<const WalkedQuery*> sorted;
-  for (const WalkedQuery& query : walked.queries) {
-    if (query.time_s && query.localized.localized()) sorted.push_back(&query);
+// How many photographs have which role, of those in the folder.
+nlohmann::ordered_json RolesJson(const WalkedQueries& walked, const std::string& folder) {
+  nlohmann::ordered_json json = nlohmann::ordered_json::object();
+  for (const EnumName<WalkRole>& role : kEnumNames<WalkRole>) {
+    json[std::string(role.name)] =
+        std::count_if(walked.queries.begin(), walked.queries.end(), [&](const WalkedQuery& query) {
+          return query.role == role.value && query.localized.name.starts_with(folder);
+        });
   }
-  std::stable_sort(sorted.begin(), sorted.end(), [](const WalkedQuery* a, const WalkedQuery* b) {
-    return *a->time_s < *b->time_s;
-  });
-  return sorted;
+  return json;
+}
+
+// Adds what is known of the odometry; nothing where the walk told nothing.
+void AddOdometry(const std::optional<SmoothedWalk>& walk, nlohmann::ordered_json& json) {
+  if (!walk) return;
+  const auto lost = std::count_if(walk->frames.begin(), walk->frames.end(),
+                                  [](const SmoothedFrame& frame) { return frame.lost_before; });
+  json["odometry"] = {{"scale", walk->scale},
+                      {"scale_sigma", walk->scale_sigma},
+                      {"step_sigma", walk->step_sigma},
+                      {"step_rotation_sigma_deg", walk->step_rotation_sigma_deg},
+                      {"lost", lost}};
+  json["single_sigma_factor"] = walk->single_sigma_factor;
+}
+
+// The files of a walk's trajectory: those of a list's are numbered from 1.
+TrajectoryFiles FilesOf(const WalkedQueries& walked, size_t walk) {
+  return TrajectoryFilesOf(walked.walks[walk].folder.empty() ? 0 : walk + 1);
+}
+
+void WriteTrajectory(const std::filesystem::path& folder, const WalkedQueries& walked,
+                     size_t walk) {
+  std::vector<TimedPose> poses;
+  std::string covariances = "# timestamp, covariance of the step (w, v): upper triangle by rows\n";
+  for (const size_t i : walked.walks[walk].queries) {
+    const WalkedQuery& query = walked.queries[i];
+    if (!query.localized.localized()) continue;
+    const PoseEstimate& estimate = query.localized.estimate;
+    poses.push_back({*query.time_s, *estimate.cam_from_world});
+    if (!estimate.covariance) continue;
+    covariances += FormatDouble(*query.time_s);
+    for (Eigen::Index row = 0; row < 6; ++row) {
+      for (Eigen::Index column = row; column < 6; ++column) {
+        covariances += ' ' + FormatDouble((*estimate.covariance)(row, column));
+      }
+    }
+    covariances += '\n';
+  }
+  const TrajectoryFiles files = FilesOf(walked, walk);
+  WriteTumTrajectory(folder / files.poses, poses);
+  WriteFile(folder / files.covariances, covariances);
+}
+
+// What the walks told.
+std::string FormatWalk(const WalkedQueries& walked) {
+  nlohmann::ordered_json json = {{"photographs", RolesJson(walked, "")}};
+  for (size_t i = 0; i < walked.walks.size(); ++i) {
+    const ToldWalk& walk = walked.walks[i];
+    if (walk.folder.empty()) {
+      AddOdometry(walk.odometry, json);
+      continue;
+    }
+    nlohmann::ordered_json& part = json["walks"].emplace_back();
+    part = {{"folder", walk.folder},
+            {"trajectory", FilesOf(walked, i).poses},
+            {"photographs", RolesJson(walked, walk.folder)}};
+    AddOdometry(walk.odometry, part);
+  }
+  return JsonText(json, 2) + '\n';
+}
+
+void RemoveFiles(const std::filesystem::path& folder, std::span<const std::string> names) {
+  std::error_code ignored;
+  for (const std::string& name : names) std::filesystem::remove(folder / name, ignored);
+}
+
+// Smooths the results of a walk's photographs.
+void SmoothWalkOf(const Walk& walk, std::span<const LocalizedQuery> queries,
+                  std::span<const Query> photographs, const SceneDistances& distances,
+                  const SmoothingOptions& options, WalkedQueries& walked) {
+  ToldWalk& told = walked.walks.emplace_back();
+  told.folder = walk.folder;
+  for (const WalkFrame& frame : walk.frames) {
+    walked.queries[frame.query].time_s = frame.time_s;
+    told.queries.push_back(frame.query);
+  }
+  // Those of a list's walks name theirs.
+  const auto warn = [&](const std::string& warning) {
+    walked.warnings.push_back((walk.folder.empty() ? "" : walk.folder + ": ") + warning);
+  };
+  walked.warnings.insert(walked.warnings.end(), walk.warnings.begin(), walk.warnings.end());
+  const std::vector<WalkEvidence> evidence = EvidenceOf(queries, walk);
+  if (const auto warning = WarningOfAxes(evidence, walk)) warn(*warning);
+  ToldFrames frames = SmoothAll(evidence, options);
+  for (const std::string& warning : WarningsOf(frames.walk)) warn(warning);
+  for (size_t i = 0; i < frames.frames.size(); ++i) {
+    if (!frames.frames[i]) continue;
+    const size_t query = walk.frames[i].query;
+    TakeFromWalk(*frames.frames[i], photographs[query], distances, options.min_confidence,
+                 walked.queries[query]);
+  }
+  if (!frames.walk.frames.empty()) told.odometry = std::move(frames.walk);
 }
 
 }  // namespace
@@ -212,24 +306,14 @@ size_t WalkedQueries::Count(WalkRole role) const {
 }
 
 WalkedQueries SmoothQueries(std::span<const LocalizedQuery> queries,
-                            std::span<const Query> photographs, const Walk& walk,
+                            std::span<const Query> photographs, std::span<const Walk> walks,
                             const SceneDistances& distances, const SmoothingOptions& options) {
   RAYLIFT_CHECK_EQ(queries.size(), photographs.size());
   WalkedQueries walked;
   for (const LocalizedQuery& query : queries) walked.queries.push_back({query});
-  for (const WalkFrame& frame : walk.frames) walked.queries[frame.query].time_s = frame.time_s;
-  walked.warnings = walk.warnings;
-  const std::vector<WalkEvidence> evidence = EvidenceOf(queries, walk);
-  if (auto warning = WarningOfAxes(evidence, walk)) walked.warnings.push_back(std::move(*warning));
-  ToldFrames told = SmoothAll(evidence, options);
-  for (std::string& warning : WarningsOf(told.walk)) walked.warnings.push_back(std::move(warning));
-  for (size_t i = 0; i < told.frames.size(); ++i) {
-    if (!told.frames[i]) continue;
-    const size_t query = walk.frames[i].query;
-    TakeFromWalk(*told.frames[i], photographs[query], distances, options.min_confidence,
-                 walked.queries[query]);
+  for (const Walk& walk : walks) {
+    SmoothWalkOf(walk, queries, photographs, distances, options, walked);
   }
-  if (!told.walk.frames.empty()) walked.walk = std::move(told.walk);
   return walked;
 }
 
@@ -239,42 +323,20 @@ std::string FormatQueryDiagnostics(const WalkedQuery& query) {
   return JsonText(json);
 }
 
-std::string FormatWalk(const WalkedQueries& walked) {
-  nlohmann::ordered_json json = nlohmann::ordered_json::object();
-  for (const EnumName<WalkRole>& role : kEnumNames<WalkRole>) {
-    json["photographs"][std::string(role.name)] = walked.Count(role.value);
+void WriteWalk(const std::filesystem::path& folder, const WalkedQueries& walked) {
+  // Whatever is there is named by walk.json at all times, lest a run that is killed leaves others.
+  std::vector<std::string> former = WalkFilesIn(folder);
+  for (size_t i = 0; i < walked.walks.size(); ++i) {
+    const TrajectoryFiles files = FilesOf(walked, i);
+    std::erase_if(former, [&](const std::string& name) {
+      return name == files.poses || name == files.covariances || name == kWalkFile;
+    });
   }
-  if (walked.walk) {
-    const SmoothedWalk& walk = *walked.walk;
-    const auto lost = std::count_if(walk.frames.begin(), walk.frames.end(),
-                                    [](const SmoothedFrame& frame) { return frame.lost_before; });
-    json["odometry"] = {{"scale", walk.scale},
-                        {"scale_sigma", walk.scale_sigma},
-                        {"step_sigma", walk.step_sigma},
-                        {"step_rotation_sigma_deg", walk.step_rotation_sigma_deg},
-                        {"lost", lost}};
-    json["single_sigma_factor"] = walk.single_sigma_factor;
-  }
-  return JsonText(json, 2) + '\n';
+  RemoveFiles(folder, former);
+  WriteFile(folder / kWalkFile, FormatWalk(walked));
+  for (size_t i = 0; i < walked.walks.size(); ++i) WriteTrajectory(folder, walked, i);
 }
 
-void WriteTrajectory(const std::filesystem::path& folder, const WalkedQueries& walked) {
-  std::vector<TimedPose> poses;
-  std::string covariances = "# timestamp, covariance of the step (w, v): upper triangle by rows\n";
-  for (const WalkedQuery* query : LocalizedInWalk(walked)) {
-    const PoseEstimate& estimate = query->localized.estimate;
-    poses.push_back({*query->time_s, *estimate.cam_from_world});
-    if (!estimate.covariance) continue;
-    covariances += FormatDouble(*query->time_s);
-    for (Eigen::Index row = 0; row < 6; ++row) {
-      for (Eigen::Index column = row; column < 6; ++column) {
-        covariances += ' ' + FormatDouble((*estimate.covariance)(row, column));
-      }
-    }
-    covariances += '\n';
-  }
-  WriteTumTrajectory(folder / "trajectory.txt", poses);
-  WriteFile(folder / "trajectory_covariance.txt", covariances);
-}
+void RemoveWalk(const std::filesystem::path& folder) { RemoveFiles(folder, WalkFilesIn(folder)); }
 
 }  // namespace raylift

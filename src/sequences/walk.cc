@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <map>
 #include <optional>
 #include <string_view>
@@ -9,6 +10,7 @@
 
 #include "base/statistics.h"
 #include "io/scene/trajectory_file.h"
+#include "io/text/line_tokens.h"
 #include "sequences/odometry_file.h"
 #include <fmt/format.h>
 
@@ -45,41 +47,97 @@ std::string_view AfterFolder(std::string_view name) {
   return slash == std::string_view::npos ? std::string_view() : name.substr(slash + 1);
 }
 
+// A line of a list of walks.
+struct ListedWalk {
+  std::string folder;  // ends in '/'
+  path odometry;
+  path times;  // empty: not given
+};
+
+// The photographs of a walk. Where it is of a list, all names start with its folder, which other
+// files may leave out.
+struct Photographs {
+  std::span<const std::string> names;
+  std::string_view folder = {};
+  std::span<const ListedWalk> list = {};
+
+  // Returns whether a name, in other folders or not, is in the folder of another walk and not in
+  // this one's.
+  bool IsOfOther(std::string_view name) const {
+    bool is_of_other = false;
+    for (; !name.empty(); name = AfterFolder(name)) {
+      if (name.starts_with(folder)) return false;
+      is_of_other |= std::any_of(list.begin(), list.end(), [&](const ListedWalk& walk) {
+        return name.starts_with(walk.folder);
+      });
+    }
+    return is_of_other;
+  }
+};
+
 // Returns what those names have that have something: the name itself, or the only one that ends in
-// it from a folder on, as "images/a.jpg" does in "a.jpg".
+// it from a folder on, as "images/a.jpg" does in "a.jpg". Where no name of a list's walk has
+// something, they are called without its folder.
 template <typename T>
-std::map<std::string, T> OfNames(std::span<const std::string> names,
+std::map<std::string, T> OfNames(const Photographs& photographs,
                                  const std::map<std::string, T>& values) {
   std::map<std::string_view, std::vector<const T*>> by_end;
   for (const auto& [name, value] : values) {
+    if (photographs.IsOfOther(name)) continue;
     for (std::string_view end = name; !end.empty(); end = AfterFolder(end)) {
       by_end[end].push_back(&value);
     }
   }
-  std::map<std::string, T> found;
-  for (const std::string& name : names) {
-    const auto same = values.find(name);
-    const auto ends = by_end.find(name);
-    if (same != values.end()) {
-      found.emplace(name, same->second);
-    } else if (ends != by_end.end() && ends->second.size() == 1) {
-      found.emplace(name, *ends->second.front());
+  const auto find_all = [&](size_t without) {
+    std::map<std::string, T> found;
+    for (const std::string& name : photographs.names) {
+      const std::string called = name.substr(without);
+      const auto same = values.find(called);
+      const auto ends = by_end.find(called);
+      if (same != values.end() && !photographs.IsOfOther(called)) {
+        found.emplace(name, same->second);
+      } else if (ends != by_end.end() && ends->second.size() == 1) {
+        found.emplace(name, *ends->second.front());
+      }
     }
-  }
-  return found;
+    return found;
+  };
+  std::map<std::string, T> found = find_all(0);
+  return found.empty() ? find_all(photographs.folder.size()) : found;
 }
 
-// Returns the times that are known, in seconds.
-TimesByName TimesOf(const path& file, const Odometry& odometry,
-                    std::span<const std::string> names) {
-  TimesByName times = !file.empty()             ? ReadTimes(file)
-                      : !odometry.times.empty() ? OfNames(names, odometry.times)
-                                                : TimesInNames(names);
+// Some programs write milli-, micro- or nanoseconds.
+TimesByName InSeconds(TimesByName times) {
   double latest = 0;
   for (const auto& [name, time] : times) latest = std::max(latest, time);
   const double seconds = SecondsPerTick(latest);
   for (auto& [name, time] : times) time *= seconds;
   return times;
+}
+
+// Where the times of a walk's photographs may be.
+struct TimeFiles {
+  path of_walk;   // goes first; empty: not given
+  path of_walks;  // of those of which nothing else tells; the same
+};
+
+// Returns the times that are known, in seconds.
+TimesByName TimesOf(const TimeFiles& files, const Odometry& odometry,
+                    const Photographs& photographs) {
+  if (!files.of_walk.empty()) {
+    TimesByName times = OfNames(photographs, InSeconds(ReadTimes(files.of_walk)));
+    if (times.empty()) {
+      throw InputError(files.of_walk,
+                       fmt::format("expected times of photographs, found none of {} names, such "
+                                   "as {}",
+                                   photographs.names.size(), photographs.names.front()));
+    }
+    return times;
+  }
+  if (!odometry.times.empty()) return OfNames(photographs, InSeconds(odometry.times));
+  TimesByName times;
+  if (!files.of_walks.empty()) times = OfNames(photographs, InSeconds(ReadTimes(files.of_walks)));
+  return times.empty() ? InSeconds(TimesInNames(photographs.names)) : times;
 }
 
 double MedianStep(std::span<const TimedPose> poses) {
@@ -198,13 +256,15 @@ void WarnOfFramesWithoutPose(const path& file, std::span<const std::string> name
       names.size() - walk.frames.size(), names.size(), names[static_cast<size_t>(first)]));
 }
 
-}  // namespace
-
-Walk ReadWalk(const path& file, const path& times, std::span<const std::string> names,
-              const Rigid3& cam_from_body) {
+Walk ReadWalkOf(const path& file, const TimeFiles& times, const Photographs& photographs,
+                const Rigid3& cam_from_body) {
+  const std::span<const std::string> names = photographs.names;
+  if (names.empty()) throw InputError(file, "there are no photographs that it could be of");
   Odometry odometry = ReadOdometry(file);
-  Walk walk{.warnings = std::move(odometry.warnings), .cam_from_body = cam_from_body};
-  TimesByName known = TimesOf(times, odometry, names);
+  Walk walk{.folder = std::string(photographs.folder),
+            .warnings = std::move(odometry.warnings),
+            .cam_from_body = cam_from_body};
+  TimesByName known = TimesOf(times, odometry, photographs);
   if (!odometry.by_time.empty()) {
     if (known.empty()) {
       throw InputError(file,
@@ -214,7 +274,7 @@ Walk ReadWalk(const path& file, const path& times, std::span<const std::string> 
     AddByTime(file, InSeconds(std::move(odometry.by_time)), known, names, walk);
   } else {
     if (known.empty()) known = PlacesByNumbers(names);
-    AddByName(odometry.in_order.empty() ? OfNames(names, odometry.by_name)
+    AddByName(odometry.in_order.empty() ? OfNames(photographs, odometry.by_name)
                                         : PosesInOrder(file, names, odometry.in_order),
               known, names, walk);
   }
@@ -229,6 +289,104 @@ Walk ReadWalk(const path& file, const path& times, std::span<const std::string> 
   Check(file, names, walk);
   WarnOfFramesWithoutPose(file, names, walk);
   return walk;
+}
+
+constexpr std::string_view kWalkWord = "walk";
+
+// Returns whether the line begins a list of walks: another one's first name may be this word, and
+// then has a pose.
+bool IsOfList(const LineReader& lines, std::string_view line) {
+  LineTokens tokens(lines, line);
+  if (tokens.Token(kWalkWord) != kWalkWord) return false;
+  size_t others = 0;
+  for (; !tokens.AtEnd(); tokens.Name()) ++others;
+  return others < 7;
+}
+
+void CheckFolder(const LineReader& lines, const std::string& folder,
+                 std::span<const ListedWalk> before, std::span<const std::string> names) {
+  for (const ListedWalk& other : before) {
+    if (folder.starts_with(other.folder) || other.folder.starts_with(folder)) {
+      lines.Fail(fmt::format("{} and {} are not apart", other.folder, folder));
+    }
+  }
+  const bool has_photographs = std::any_of(
+      names.begin(), names.end(), [&](const auto& name) { return name.starts_with(folder); });
+  if (has_photographs) return;
+  lines.Fail(fmt::format("no photograph's name starts with {}{}", folder,
+                         names.empty() ? "" : ", such a name is " + names.front()));
+}
+
+// nullopt where the file holds no list, but odometry.
+std::optional<std::vector<ListedWalk>> ReadListOfWalks(const path& file,
+                                                       std::span<const std::string> names) {
+  if (std::filesystem::is_directory(file)) return std::nullopt;
+  std::vector<ListedWalk> walks;
+  LineReader lines(file);
+  while (const auto line = lines.NextContent()) {
+    if (walks.empty() && !IsOfList(lines, *line)) return std::nullopt;
+    LineTokens tokens(lines, *line);
+    if (tokens.Token(kWalkWord) != kWalkWord) lines.Fail("expected walk FOLDER ODOMETRY [TIMES]");
+    std::string folder(tokens.Name("FOLDER"));
+    while (folder.ends_with('/')) folder.pop_back();
+    if (folder.empty()) lines.Fail("expected the folder of the walk's photographs");
+    folder += '/';
+    CheckFolder(lines, folder, walks, names);
+    ListedWalk& walk = walks.emplace_back();
+    walk.folder = std::move(folder);
+    walk.odometry = file.parent_path() / tokens.Name("ODOMETRY");
+    if (!tokens.AtEnd()) walk.times = file.parent_path() / tokens.Name("TIMES");
+    tokens.ExpectEnd();
+  }
+  if (walks.empty()) return std::nullopt;
+  return walks;
+}
+
+Walk ReadListedWalk(const ListedWalk& walk, std::span<const ListedWalk> list, const path& times,
+                    std::span<const std::string> names, const Rigid3& cam_from_body) {
+  std::vector<size_t> queries;
+  std::vector<std::string> of_walk;
+  for (size_t i = 0; i < names.size(); ++i) {
+    if (!names[i].starts_with(walk.folder)) continue;
+    queries.push_back(i);
+    of_walk.push_back(names[i]);
+  }
+  Walk read =
+      ReadWalkOf(walk.odometry, {walk.times, times}, {of_walk, walk.folder, list}, cam_from_body);
+  for (WalkFrame& frame : read.frames) frame.query = queries[frame.query];
+  return read;
+}
+
+void WarnOfPhotographsOfNoWalk(const path& list, std::span<const ListedWalk> walks,
+                               std::span<const std::string> names, Walk& walk) {
+  std::vector<std::string> of_none;
+  std::copy_if(names.begin(), names.end(), std::back_inserter(of_none), [&](const auto& name) {
+    return std::none_of(walks.begin(), walks.end(),
+                        [&](const ListedWalk& one) { return name.starts_with(one.folder); });
+  });
+  if (of_none.empty()) return;
+  walk.warnings.push_back(
+      fmt::format("{}: {} of {} photographs are of no walk, such as {}: these are localized alone",
+                  list.string(), of_none.size(), names.size(), of_none.front()));
+}
+
+}  // namespace
+
+Walk ReadWalk(const path& odometry, const path& times, std::span<const std::string> names,
+              const Rigid3& cam_from_body) {
+  return ReadWalkOf(odometry, {times, {}}, {names}, cam_from_body);
+}
+
+std::vector<Walk> ReadWalks(const path& odometry, const path& times,
+                            std::span<const std::string> names, const Rigid3& cam_from_body) {
+  const auto list = ReadListOfWalks(odometry, names);
+  if (!list) return {ReadWalk(odometry, times, names, cam_from_body)};
+  std::vector<Walk> walks;
+  for (const ListedWalk& walk : *list) {
+    walks.push_back(ReadListedWalk(walk, *list, times, names, cam_from_body));
+  }
+  WarnOfPhotographsOfNoWalk(odometry, *list, names, walks.front());
+  return walks;
 }
 
 }  // namespace raylift

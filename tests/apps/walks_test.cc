@@ -98,6 +98,65 @@ TEST_F(Walks, PhotographsWithoutAPoseGetTheWalks) {
   EXPECT_NE(merged.err.find("the walk is not smoothed by merge"), std::string::npos) << merged.err;
 }
 
+TEST_F(Walks, AListHasSeveral) {
+  // The first half and the second one, each with an odometry of its own unit.
+  std::string queries = ReadFile(DemoFolder() / "queries.txt");
+  for (size_t i = 0; i < truth_.size(); ++i) {
+    const std::string file = fs::path(truth_[i].name).filename();
+    const std::string name = (i < 6 ? "first/" : "second/") + file;
+    fs::create_directories((folder_ / name).parent_path());
+    fs::create_symlink(DemoFolder() / "images" / truth_[i].name, folder_ / name);
+    queries.replace(queries.find(truth_[i].name), truth_[i].name.size(), name);
+    truth_[i].name = name;
+  }
+  WriteFile(folder_ / "queries.txt", queries);
+  auto poses = ReadTumTrajectory(folder_ / "odometry.txt");
+  for (TimedPose& pose : poses) pose.cam_from_world.translation *= 10;
+  WriteTumTrajectory(folder_ / "other.txt", poses);
+  WriteFile(folder_ / "walks.txt", "walk first odometry.txt\nwalk second other.txt times.txt\n");
+
+  const fs::path out = folder_ / "out";
+  const Arguments alone =
+      Arguments{"localize", "--model", DemoFolder() / "model", "--images",
+                DemoFolder() / "images"} +
+      Arguments{"--geometry", "mesh:" + (DemoFolder() / "scene.obj").string()} +
+      Arguments{"--queries", folder_ / "queries.txt", "--query-images", folder_} +
+      Arguments{"--every", "4", "--max-features", "500", "--cache", folder_ / "cache"} +
+      Arguments{"--out", out, "--report", out / "page"};
+  const Arguments localize =
+      alone + Arguments{"--odometry", folder_ / "walks.txt", "--odometry-scale", "unknown",
+                        "--times",    folder_ / "times.txt"};
+  const CommandResult result = RunRaylift(localize);
+  ASSERT_TRUE(Succeeds(result));
+  EXPECT_NE(result.out.find("; second/: odometry's scale "), std::string::npos) << result.out;
+  EXPECT_TRUE(HoldsTruePoses(out / "poses.txt", truth_, 0.5, 0.1));
+  const Json walks = Json::parse(ReadFile(out / "walk.json")).at("walks");
+  for (size_t k = 0; k < 2; ++k) {
+    const double scale = walks.at(k).at("odometry").at("scale");
+    EXPECT_NEAR(scale * kScale * (k == 0 ? 1 : 10), 1, 0.02);
+    const auto trajectory = ReadTumTrajectory(out / walks.at(k).at("trajectory"));
+    ASSERT_EQ(trajectory.size(), 6U);
+    EXPECT_TRUE(
+        IsNearPose(trajectory[1].cam_from_world, truth_[6 * k + 1].cam_from_world, 0.5, 0.1));
+  }
+  EXPECT_TRUE(fs::exists(out / "trajectory_covariance_2.txt"));
+
+  // What was of a walk that is no longer in the list goes.
+  WriteFile(folder_ / "walks.txt", "walk first odometry.txt\n");
+  const CommandResult less = RunRaylift(localize + Arguments{"--resume", "--quiet"});
+  EXPECT_EQ(less.exit_code, 0);
+  EXPECT_NE(less.err.find("walks.txt: 6 of 12 photographs are of no walk"), std::string::npos)
+      << less.err;
+  EXPECT_TRUE(fs::exists(out / "trajectory_1.txt"));
+  EXPECT_FALSE(fs::exists(out / "trajectory_2.txt"));
+  // Nothing goes where the command is refused.
+  WriteFile(folder_ / "walks.txt", "walk third odometry.txt\n");
+  EXPECT_EQ(RunRaylift(localize + Arguments{"--overwrite"}).exit_code, 3);
+  EXPECT_TRUE(fs::exists(out / "trajectory_1.txt"));
+  ASSERT_TRUE(Succeeds(RunRaylift(alone + Arguments{"--overwrite", "--quiet"})));
+  EXPECT_FALSE(fs::exists(out / "trajectory_covariance_1.txt"));
+}
+
 TEST_F(Walks, OnlineKnowsThePastAlone) {
   const fs::path out = folder_ / "online";
   ASSERT_TRUE(Succeeds(RunRaylift(Localize(out, Odometry() + Arguments{"--online", "--quiet"}))));

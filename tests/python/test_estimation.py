@@ -373,7 +373,8 @@ except KeyboardInterrupt:
                                   "raylift.Geometry(mesh).lift(('PINHOLE 400 400 300 300 200 200', pose), pixels)",
                                   "raylift.Lifter(mesh).lift(('PINHOLE 400 400 300 300 200 200', pose), pixels)"])
 def test_ctrl_c_ends_long_work_on_meshes(call: str) -> None:
-    # Asked for at a tenth of a call, the end costs less than half of it, in CPU time of one process.
+    # Asked for at a tenth of a call, the end costs less than half of it (where the call is no short
+    # one), in CPU time of one process.
     script = f"""
 import os, signal, time, threading
 import numpy as np, raylift
@@ -393,7 +394,7 @@ threading.Timer(whole / 10, ask).start()
 try:
     {call}
 except KeyboardInterrupt:
-    assert time.process_time() - asked[0] < cpu_whole / 2
+    assert time.process_time() - asked[0] < max(cpu_whole / 2, 0.2)
     print("stopped")
 """
     run = subprocess.run([sys.executable, "-c", script], text=True, capture_output=True, timeout=600)

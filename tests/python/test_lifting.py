@@ -62,6 +62,19 @@ def test_lifting_from_depth_in_memory(mesh: raylift.Mesh) -> None:
         raylift.DepthMaps.from_arrays({"front.jpg": maps["depth"]}, [IMAGE], kind="up")  # type: ignore[arg-type]
 
 
+def test_lifting_many_pixels_is_lifting_each(mesh: raylift.Mesh) -> None:
+    depth = raylift.RayCaster(mesh).render(PINHOLE, FRONT)["depth"]
+    depth[:, 32:] = 0
+    lifter = raylift.Lifter(raylift.DepthMaps.from_arrays({"front.jpg": depth}, [IMAGE]), mesh)
+    pixels = np.random.default_rng(3).uniform((0, 0), (64, 48), (140000, 2))
+    lifted = lifter.lift(IMAGE, pixels)
+    assert set(lifted["source"]) == {-1, 0, 1}
+    for start in (0, 65500, 131000, 139900):
+        part = lifter.lift(IMAGE, pixels[start:start + 100])
+        for key, values in part.items():
+            np.testing.assert_array_equal(lifted[key][start:start + 100], values)  # type: ignore[literal-required]
+
+
 def test_lifting_from_depth_in_files(mesh: raylift.Mesh, tmp_path: Path) -> None:
     depth = raylift.RayCaster(mesh).render(PINHOLE, FRONT)["depth"]
     np.save(tmp_path / "front.npy", (1000 * depth).round().astype(np.uint16))

@@ -118,6 +118,8 @@ TEST_F(LocalizationReportTest, AWalkHasTheLastWord) {
     walked.queries.push_back({Result(i).localized, WalkRole::kSmoothed, 2.0 - 0.5 * i});
     queries.push_back({scene_.queries[i].name, scene_.queries[i].camera});
   }
+  walked.walks = {{.folder = "b/", .queries = {1}}, {.folder = "a/", .queries = {0}}};
+  walked.walks[1].odometry = SmoothedWalk{.scale = 3};
   WalkedQuery& first = walked.queries[0];
   first.role = WalkRole::kReplaced;
   first.lost_before = true;
@@ -146,6 +148,10 @@ TEST_F(LocalizationReportTest, AWalkHasTheLastWord) {
   ASSERT_EQ(data["walk"]["frames"].size(), 2U);
   EXPECT_EQ(data["walk"]["frames"][0]["query"], scene_.queries[1].name);
   EXPECT_EQ(data["walk"]["frames"][1]["lost_before"], true);
+  EXPECT_EQ(data["walk"]["frames"][1]["walk"], 1);
+  EXPECT_FALSE(data["walk"]["odometry"][0].contains("scale"));
+  EXPECT_EQ(data["walk"]["odometry"][1]["folder"], "a/");
+  EXPECT_EQ(data["walk"]["odometry"][1]["scale"], 3);
   size_t single = 0;
   for (const auto& camera : data["scene"]["cameras"]) single += camera["kind"] == "single" ? 1 : 0;
   EXPECT_EQ(single, 1U);

@@ -11,6 +11,7 @@
 #include "support/test_data.h"
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
 
 #include "raylift/base/file.h"
 #include "raylift/base/text.h"
@@ -85,9 +86,9 @@ LocalizedQuery ResultOf(const WalkEvidence& frame, const std::string& name) {
 }
 
 struct Inputs {
-  std::vector<Query> photographs;
-  std::vector<LocalizedQuery> alone;
-  Walk walk;
+  std::vector<Query> photographs = {};
+  std::vector<LocalizedQuery> alone = {};
+  std::vector<Walk> walks = {Walk()};
 };
 
 Inputs InputsOf(const MadeWalk& made) {
@@ -97,7 +98,7 @@ Inputs InputsOf(const MadeWalk& made) {
     inputs.photographs.push_back(
         {name, Camera(CameraModel::kPinhole, 64, 48, std::vector<double>{50, 50, 32, 24})});
     inputs.alone.push_back(ResultOf(made.frames[i], name));
-    inputs.walk.frames.push_back({i, static_cast<double>(i), made.frames[i].cam_from_odometry});
+    inputs.walks[0].frames.push_back({i, static_cast<double>(i), made.frames[i].cam_from_odometry});
   }
   return inputs;
 }
@@ -110,7 +111,7 @@ TEST(SmoothQueries, OneWeakPoseOfAWalkDoesNotSpeakForTheOthers) {
   made.frames[12].single->confidence = 0.08;
   const Inputs inputs = InputsOf(made);
   const WalkedQueries walked =
-      SmoothQueries(inputs.alone, inputs.photographs, inputs.walk, SceneDistances(Scene()), {});
+      SmoothQueries(inputs.alone, inputs.photographs, inputs.walks, SceneDistances(Scene()), {});
   EXPECT_EQ(walked.Count(WalkRole::kRescued), 0U);
   EXPECT_EQ(walked.Count(WalkRole::kSmoothed), 1U);
 }
@@ -124,7 +125,7 @@ TEST(SmoothQueries, APoseWithoutAUsableCovarianceNeitherSpeaksNorIsDropped) {
   inputs.alone[6].estimate.covariance.reset();
   inputs.alone[6].estimate.inlier_keypoints = 40;
   const auto smooth = [&] {
-    return SmoothQueries(inputs.alone, inputs.photographs, inputs.walk, SceneDistances(Scene()),
+    return SmoothQueries(inputs.alone, inputs.photographs, inputs.walks, SceneDistances(Scene()),
                          {});
   };
   const WalkedQueries walked = smooth();
@@ -163,14 +164,14 @@ TEST(SmoothQueries, AWalkThatKnowsNoDirectionIsNoSurePose) {
   EXPECT_LT(confidence(0.3), 0.4);
 }
 
-TEST(WriteTrajectory, CovariancesAreTheirUpperTriangleByRows) {
+TEST(WriteWalk, CovariancesAreTheirUpperTriangleByRows) {
   Rng rng = TestRng();
   const MadeWalk made = MakeWalk(rng, {.frames = 20});
   const Inputs inputs = InputsOf(made);
   const WalkedQueries walked =
-      SmoothQueries(inputs.alone, inputs.photographs, inputs.walk, SceneDistances(Scene()), {});
+      SmoothQueries(inputs.alone, inputs.photographs, inputs.walks, SceneDistances(Scene()), {});
   const auto folder = TestFolder();
-  WriteTrajectory(folder, walked);
+  WriteWalk(folder, walked);
   const std::string text = ReadFile(folder / "trajectory_covariance.txt");
   const Matrix6d& covariance = *walked.queries[7].localized.estimate.covariance;
   std::string expected = "\n7";
@@ -187,13 +188,79 @@ TEST(SmoothQueries, WithoutAnObservableScaleResultsStayAsTheyAre) {
   const Inputs inputs = InputsOf(made);
   for (const bool online : {false, true}) {
     const WalkedQueries walked =
-        SmoothQueries(inputs.alone, inputs.photographs, inputs.walk, SceneDistances(Scene()),
+        SmoothQueries(inputs.alone, inputs.photographs, inputs.walks, SceneDistances(Scene()),
                       {.scale = OdometryScale::kUnknown, .online = online});
     EXPECT_EQ(walked.Count(WalkRole::kAlone), 20U);
     EXPECT_TRUE(walked.queries[0].localized.localized());
-    EXPECT_FALSE(walked.walk);
+    EXPECT_FALSE(walked.walks[0].odometry);
     EXPECT_THAT(walked.warnings, ElementsAre(HasSubstr("scale is not observable")));
   }
+}
+
+TEST(SmoothQueries, WalksOfAListAreSmoothedApart) {
+  Rng rng = TestRng();
+  std::vector<Inputs> apart;
+  for (const double scale : {0.2, 7.0}) {
+    MadeWalk made = MakeWalk(rng, {.frames = 20, .scale = scale});
+    TakeAway(made, 5, 8);
+    apart.push_back(InputsOf(made));
+  }
+  // One of each, in turn.
+  Inputs all{.walks = {{.folder = "a/"}, {.folder = "b/"}}};
+  for (size_t i = 0; i < 40; ++i) {
+    const Inputs& one = apart[i % 2];
+    all.photographs.push_back(one.photographs[i / 2]);
+    all.alone.push_back(one.alone[i / 2]);
+    all.alone.back().name = (i % 2 == 0 ? "a/" : "b/") + all.alone.back().name;
+    all.walks[i % 2].frames.push_back(one.walks[0].frames[i / 2]);
+    all.walks[i % 2].frames.back().query = i;
+  }
+  const SmoothingOptions options{.scale = OdometryScale::kUnknown};
+  const auto smooth = [&](const Inputs& inputs) {
+    return SmoothQueries(inputs.alone, inputs.photographs, inputs.walks, SceneDistances(Scene()),
+                         options);
+  };
+  const WalkedQueries walked = smooth(all);
+  const auto folder = TestFolder();
+  const auto write = [&](const char* name, const WalkedQueries& what) {
+    std::filesystem::create_directories(folder / name);
+    WriteWalk(folder / name, what);
+    return nlohmann::json::parse(ReadFile(folder / name / "walk.json"));
+  };
+  const auto json = write("all", walked);
+  EXPECT_EQ(json.at("photographs").at("rescued"), 6);
+  for (size_t k = 0; k < 2; ++k) {
+    const WalkedQueries by_itself = smooth(apart[k]);
+    for (size_t i = 0; i < 20; ++i) {
+      WalkedQuery query = walked.queries[2 * i + k];
+      query.localized.name = by_itself.queries[i].localized.name;
+      EXPECT_EQ(FormatQueryDiagnostics(query), FormatQueryDiagnostics(by_itself.queries[i]));
+    }
+    const auto alone = write("alone", by_itself);
+    const auto& part = json.at("walks").at(k);
+    EXPECT_EQ(part.at("folder"), k == 0 ? "a/" : "b/");
+    EXPECT_EQ(part.at("photographs"), alone.at("photographs"));
+    EXPECT_EQ(part.at("odometry"), alone.at("odometry"));
+    for (const std::string name : {"trajectory", "trajectory_covariance"}) {
+      EXPECT_EQ(ReadFile(folder / "all" / (name + "_" + std::to_string(k + 1) + ".txt")),
+                ReadFile(folder / "alone" / (name + ".txt")));
+    }
+  }
+
+  // What is said of one of them says so.
+  for (LocalizedQuery& query : all.alone) {
+    if (query.name.starts_with("b/") && query.name != "b/0") query.reason = "too few matches";
+  }
+  const WalkedQueries less = smooth(all);
+  EXPECT_THAT(less.warnings, ElementsAre(HasSubstr("b/: the odometry's unknown scale")));
+  write("all", {.queries = less.queries, .walks = {less.walks[0]}, .warnings = {}});
+  EXPECT_TRUE(std::filesystem::exists(folder / "all/trajectory_1.txt"));
+  EXPECT_FALSE(std::filesystem::exists(folder / "all/trajectory_covariance_2.txt"));
+  WriteFile(folder / "all/trajectory_7.txt", "somebody's");
+  RemoveWalk(folder / "all");
+  EXPECT_FALSE(std::filesystem::exists(folder / "all/trajectory_1.txt"));
+  EXPECT_FALSE(std::filesystem::exists(folder / "all/walk.json"));
+  EXPECT_TRUE(std::filesystem::exists(folder / "all/trajectory_7.txt"));
 }
 
 TEST(Tracker, EqualsTheWholeWalkOnline) {
@@ -206,8 +273,8 @@ TEST(Tracker, EqualsTheWholeWalkOnline) {
   inputs.alone[12].estimate.covariance->setZero();
   const auto scene = std::make_shared<const Scene>();
   const SmoothingOptions options{.scale = OdometryScale::kUnknown, .online = true};
-  const WalkedQueries walked =
-      SmoothQueries(inputs.alone, inputs.photographs, inputs.walk, SceneDistances(*scene), options);
+  const WalkedQueries walked = SmoothQueries(inputs.alone, inputs.photographs, inputs.walks,
+                                             SceneDistances(*scene), options);
   EXPECT_EQ(walked.Count(WalkRole::kRescued), 10U);
   Tracker tracker(Localizer(scene, nullptr, {}), options);
   for (size_t i = 0; i < 70; ++i) {

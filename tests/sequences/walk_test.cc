@@ -264,6 +264,89 @@ TEST_F(ReadWalkTest, WhatIsNoWalkIsRefused) {
                     {"c.jpg and b.jpg have the same time, 1.1 s"}));
 }
 
+TEST_F(ReadWalkTest, AListHoldsSeveralWalks) {
+  Written("one.txt", kThreePoses);
+  Written("one_times.txt", "a.jpg 1.0\nb.jpg 1.1\n");
+  Written("two.txt",
+          "images/two/a.jpg 1 0 0 0 0 0 0\nimages/one/a.jpg 1 0 0 0 7 0 0\n"
+          "two/b.jpg 1 0 0 0 1 0 0\ntwo/c.jpg 1 0 0 0 2 0 0\n");
+  const path times = Written("times.txt", "two/a.jpg 3\ntwo/b.jpg 1\ntwo/c.jpg 2\none/a.jpg 9\n");
+  const path list = Written("list.txt",
+                            "# a walk a day\n"
+                            "walk one/ one.txt one_times.txt\n"
+                            "walk \"two\" two.txt\n");
+  const auto names = Names(
+      {"two/c.jpg", "one/a.jpg", "two/a.jpg", "one/b.jpg", "two/b.jpg", "other.jpg", "one.jpg"});
+  const std::vector<Walk> walks = ReadWalks(list, times, names);
+  ASSERT_EQ(walks.size(), 2U);
+  EXPECT_EQ(walks[0].folder, "one/");
+  EXPECT_THAT(QueriesOf(walks[0]), ElementsAre(1, 3));
+  EXPECT_EQ(walks[0].frames[1].time_s, 1.1);
+  EXPECT_EQ(walks[1].folder, "two/");
+  EXPECT_THAT(QueriesOf(walks[1]), ElementsAre(4, 0, 2));
+  EXPECT_EQ(walks[1].frames[2].cam_from_odometry.translation.x(), 0);
+  EXPECT_THAT(walks[0].warnings, ElementsAre(HasSubstr("list.txt: 2 of 7 photographs are of no "
+                                                       "walk, such as other.jpg")));
+  EXPECT_TRUE(walks[1].warnings.empty());
+  // What is no list is one walk.
+  EXPECT_EQ(ReadWalks(Written("one.txt", kThreePoses),
+                      Written("of_one.txt",
+                              "one/a.jpg 1.0\n"
+                              "one/b.jpg 1.1\n"),
+                      names)
+                .front()
+                .frames.size(),
+            2U);
+
+  const auto fails = [&](const std::string& text, const std::vector<std::string>& parts) {
+    return FailsWithInputError([&] { ReadWalks(Written("list.txt", text), times, names); }, parts);
+  };
+  // What one walk's photographs lack is not taken from another's, and what odometry tells itself
+  // goes before the times of all.
+  Written("both.txt",
+          "one/a.jpg 1 0 0 0 1 0 0\none/b.jpg 1 0 0 0 2 0 0\ntwo/a.jpg 1 0 0 0 3 0 0\n"
+          "two/c.jpg 1 0 0 0 4 0 0\n");
+  Written("a phone's odometry of one afternoon.jsonl",
+          "{\"timestamp\": 7, \"name\": \"a.jpg\", "
+          "\"transform\": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}\n"
+          "{\"timestamp\": 8, \"name\": \"b.jpg\", "
+          "\"transform\": [[1,0,0,1],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}\n");
+  const std::vector<Walk> shared =
+      ReadWalks(Written("shared.txt",
+                        "walk two both.txt\n"
+                        "walk one/ \"a phone's odometry of one afternoon.jsonl\"\n"),
+                times, names);
+  EXPECT_THAT(QueriesOf(shared[0]), ElementsAre(0, 2));
+  EXPECT_THAT(shared[0].warnings.front(),
+              HasSubstr("no pose of 1 of 3 photographs, such as two/b"));
+  ASSERT_THAT(QueriesOf(shared[1]), ElementsAre(1, 3));
+  EXPECT_EQ(shared[1].frames[0].time_s, 7);
+
+  // Nor where that lies in other folders.
+  const path others =
+      Written("others.txt", "images/two/a.jpg 1 0 0 0 1 0 0\nimages/two/b.jpg 1 0 0 0 2 0 0\n");
+  EXPECT_EQ(ReadWalks(Written("shared.txt", "walk two others.txt\n"), {}, names)[0].frames.size(),
+            2U);
+  EXPECT_TRUE(FailsWithInputError(
+      [&] {
+        ReadWalks(Written("shared.txt", "walk one others.txt\nwalk two others.txt\n"), {}, names);
+      },
+      {others.string(), "found 0 of 2"}));
+
+  const std::string one = "walk one one.txt one_times.txt\n";
+  EXPECT_TRUE(fails(one + "one/a.jpg 1 0 0 0 0 0 0\n", {"list.txt", "line 2", "walk FOLDER"}));
+  EXPECT_TRUE(fails(one + "walk two\n", {"line 2", "ODOMETRY"}));
+  EXPECT_TRUE(fails("walk two two.txt times.txt 3\n", {"line 1"}));
+  EXPECT_TRUE(fails("walk / two.txt\n", {"line 1", "expected the folder"}));
+  EXPECT_TRUE(fails(one + "walk one/late two.txt\n", {"line 2", "one/ and one/late/"}));
+  EXPECT_TRUE(fails("walk three two.txt\n",
+                    {"list.txt", "line 1", "starts with three/, such a name is two/c"}));
+  EXPECT_TRUE(fails("walk two none.txt\n", {"none.txt", "no such file"}));
+  EXPECT_TRUE(fails("walk two two.txt one_times.txt.\n", {"one_times.txt.", "no such file"}));
+  Written("one_times.txt", "d.jpg 1.0\n");
+  EXPECT_TRUE(fails(one, {"one_times.txt", "expected times of photographs", "one/a.jpg"}));
+}
+
 TEST_F(ReadWalkTest, TurningAloneIsMotion) {
   const path odometry = Written("turn.txt",
                                 "a.jpg 1 0 0 0 0 0 0\n"

@@ -60,10 +60,17 @@ struct WalkedQuery {
   double single_confidence = 0;
 };
 
+// What a walk told.
+struct ToldWalk {
+  std::string folder = {};           // Walk::folder
+  std::vector<size_t> queries = {};  // its photographs, in the order of their times
+  // nullopt where it told nothing.
+  std::optional<SmoothedWalk> odometry = std::nullopt;
+};
+
 struct WalkedQueries {
   std::vector<WalkedQuery> queries;  // in the given order
-  // What the walk told of the odometry, without the frames; nullopt where it told nothing.
-  std::optional<SmoothedWalk> walk;
+  std::vector<ToldWalk> walks;       // in the given order
   std::vector<std::string> warnings;
 
   size_t Count(WalkRole role) const;
@@ -75,21 +82,23 @@ struct SmoothingOptions {
   bool online = false;        // each frame by those before it alone, as Tracker has it
 };
 
-// `queries` are the results of the photographs, in the order of the names that the walk was read
-// for.
+// `queries` are the results of the photographs, in the order of the names that the walks were read
+// for; no two walks share one.
 WalkedQueries SmoothQueries(std::span<const LocalizedQuery> queries,
-                            std::span<const Query> photographs, const Walk& walk,
+                            std::span<const Query> photographs, std::span<const Walk> walks,
                             const SceneDistances& distances, const SmoothingOptions& options);
 
 // Its line of queries.jsonl, without the line's end: that of a single one, and what the walk did.
 std::string FormatQueryDiagnostics(const WalkedQuery& query);
 
-// What the walk told, as JSON (walk.json).
-std::string FormatWalk(const WalkedQueries& walked);
+// Writes `walk.json`, what the walks told; `trajectory.txt`, TUM's, of the localized photographs of
+// the walk in the order of their times; and `trajectory_covariance.txt`: lines `time` and the 21
+// numbers of the upper triangle, row by row, of the covariance that queries.jsonl holds. Walks of a
+// list have trajectory_1.txt, trajectory_covariance_1.txt and so on, in the list's order. Such
+// files of a run before that are not written anew are removed.
+void WriteWalk(const std::filesystem::path& folder, const WalkedQueries& walked);
 
-// `trajectory.txt`, TUM's, of the localized photographs of the walk in the order of their times,
-// and `trajectory_covariance.txt` beside it: lines `time` and the 21 numbers of the upper triangle,
-// row by row, of the covariance that queries.jsonl holds.
-void WriteTrajectory(const std::filesystem::path& folder, const WalkedQueries& walked);
+// Removes such files where results are of no walk.
+void RemoveWalk(const std::filesystem::path& folder);
 
 }  // namespace raylift

@@ -1,7 +1,6 @@
 #include "localization/results/query_job.h"
 
 #include <algorithm>
-#include <array>
 #include <set>
 #include <system_error>
 #include <utility>
@@ -12,34 +11,55 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/file.h"
 
 namespace raylift {
 
-namespace {
-
-constexpr std::array kWalkFiles = {"walk.json", "trajectory.txt", "trajectory_covariance.txt"};
-
-}  // namespace
-
-JobForm QueryJobForm() {
+JobForm QueryJobForm(const std::filesystem::path& out) {
   JobForm form{.results = {"queries.jsonl", "poses.txt", "summary.json"},
                .is_readable = &IsReadableLine};
-  form.results.insert(form.results.end(), kWalkFiles.begin(), kWalkFiles.end());
+  const std::vector<std::string> of_walks = WalkFilesIn(out);
+  form.results.insert(form.results.end(), of_walks.begin(), of_walks.end());
   return form;
 }
 
-void RemoveWalkFiles(const std::filesystem::path& out) {
-  // Without the first, the others are not a run's.
+TrajectoryFiles TrajectoryFilesOf(size_t number) {
+  const std::string end = number == 0 ? ".txt" : fmt::format("_{}.txt", number);
+  return {"trajectory" + end, "trajectory_covariance" + end};
+}
+
+namespace {
+
+// Returns how many walks of a list walk.json tells of; 0 where it is no list's, or not readable.
+size_t WalksOfList(const std::filesystem::path& file) {
+  try {
+    const auto json = nlohmann::json::parse(ReadFile(file), nullptr, /*allow_exceptions=*/false);
+    return json.is_object() && json.contains("walks") ? json.at("walks").size() : 0;
+  } catch (const InputError&) {
+    return 0;
+  }
+}
+
+}  // namespace
+
+std::vector<std::string> WalkFilesIn(const std::filesystem::path& out) {
   std::error_code ignored;
-  if (!std::filesystem::exists(out / kWalkFiles.front(), ignored)) return;
-  for (const char* name : kWalkFiles) std::filesystem::remove(out / name, ignored);
+  if (!std::filesystem::exists(out / kWalkFile, ignored)) return {};
+  const size_t of_list = WalksOfList(out / kWalkFile);
+  std::vector<std::string> names;
+  for (size_t number = of_list > 0 ? 1 : 0; number <= of_list; ++number) {
+    TrajectoryFiles files = TrajectoryFilesOf(number);
+    names.insert(names.end(), {std::move(files.poses), std::move(files.covariances)});
+  }
+  names.emplace_back(kWalkFile);
+  return names;
 }
 
 QueryJob::QueryJob(std::span<const Query> queries, const std::string& header,
                    const JobFolder& folder)
     : out_(folder.out),
       names_(NamesOf(queries)),
-      job_(names_, header, folder, QueryJobForm()),
+      job_(names_, header, folder, QueryJobForm(folder.out)),
       facts_(FactsOf(job_.manifest())) {
   for (const QueryRecord& record : RecordsOf(job_.manifest())) {
     told_.insert(record.warnings.begin(), record.warnings.end());

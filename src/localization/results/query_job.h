@@ -67,10 +67,20 @@ std::vector<std::string> AllWarnings(const RunFacts& facts, std::span<const Quer
 void WriteResults(const std::filesystem::path& out, const RunFacts& facts,
                   std::span<const QueryRecord> records, const std::optional<RunTimes>& times);
 
-JobForm QueryJobForm();
+// Of results in that folder.
+JobForm QueryJobForm(const std::filesystem::path& out);
 
-// Removes what a run that smoothed its walk left, where the results are none of a walk.
-void RemoveWalkFiles(const std::filesystem::path& out);
+// The names of the files of a smoothed walk's trajectory.
+struct TrajectoryFiles {
+  std::string poses, covariances;
+};
+// `number`: of a list's walk, from 1 on; 0 is that of a walk by itself.
+TrajectoryFiles TrajectoryFilesOf(size_t number);
+inline constexpr const char* kWalkFile = "walk.json";
+
+// Returns the names of the files of smoothed walks that a run has left there; the last is
+// walk.json, which tells which there are.
+std::vector<std::string> WalkFilesIn(const std::filesystem::path& out);
 
 class QueryJob {
  public:

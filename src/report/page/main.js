@@ -332,7 +332,8 @@ function sceneSection(onPick) {
   }
 }
 
-// The frame of the walk at each time; it stands in the scene, whose caption tells what it is.
+// The frame of the walks at each time, one walk after the other; it stands in the scene, whose
+// caption tells what it is.
 function walkControl(view, caption) {
   const { frames } = data.walk;
   view.walk = frames;
@@ -352,8 +353,12 @@ function walkControl(view, caption) {
 function walkFacts() {
   const { frames, odometry } = data.walk;
   const lost = frames.filter((frame) => frame.lost_before).map((frame) => frame.query);
-  const facts = odometry ? [`odometry: scale ${number(odometry.scale)}, noise of a step ${number(odometry.step_sigma)} units and `
-    + `${number(odometry.step_rotation_sigma_deg)}\u00b0`] : ["the walk told nothing of the odometry"];
+  const facts = odometry.map((walk) => {
+    const where = walk.folder ? ` of ${walk.folder}` : "";
+    if (walk.scale === undefined) return `the walk${where} told nothing of the odometry`;
+    return `odometry${where}: scale ${number(walk.scale)}, noise of a step ${number(walk.step_sigma)} units and `
+      + `${number(walk.step_rotation_sigma_deg)}\u00b0`;
+  });
   if (lost.length) facts.push(`it was lost before ${lost.join(", ")}`);
   return element("p", { class: "soft" }, facts.join("; "));
 }

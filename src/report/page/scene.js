@@ -288,16 +288,17 @@ class SceneView {
     context.stroke();
   }
 
-  // The way from frame to frame, broken where odometry was lost, and where the walk is now.
+  // The way from frame to frame of each walk, broken where odometry was lost, and where one is now.
   paintWalk(context) {
     const camera = (frame) => this.cameras.find((one) => one.name === frame.query && !["reference", "single"].includes(one.kind));
     context.strokeStyle = "#4aa8ff";
     context.beginPath();
-    let before = null;
+    let before = null, walk = null;
     for (const frame of this.walk) {
       const place = camera(frame) ? this.project(camera(frame).center) : null;
-      if (place && before && !frame.lost_before) { context.moveTo(before[0], before[1]); context.lineTo(place[0], place[1]); }
+      if (place && before && frame.walk === walk && !frame.lost_before) { context.moveTo(before[0], before[1]); context.lineTo(place[0], place[1]); }
       before = place;
+      walk = frame.walk;
     }
     context.stroke();
     const now = this.walkAt === undefined ? null : camera(this.walk[this.walkAt]);
