@@ -8,6 +8,7 @@
 #include "base/progress.h"
 #include "lifting/mesh_spec.h"
 #include "surfaces/resampled_mesh.h"
+#include "views/mesh_scene.h"
 #include "views/vertex_coloring.h"
 #include <fmt/format.h>
 
@@ -15,7 +16,6 @@
 #include "raylift/base/file.h"
 #include "raylift/localization/scene.h"
 #include "raylift/surfaces/mesh_files.h"
-#include "raylift/views/mesh_scene.h"
 
 namespace raylift {
 namespace {

@@ -10,7 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "raylift/estimation/options.h"
-#include "raylift/estimation/pose_estimate.h"
+#include "raylift/estimation/pose_estimator.h"
 #include "raylift/io/query_list.h"
 #include "raylift/jobs/task_job.h"
 

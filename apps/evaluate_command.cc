@@ -17,7 +17,6 @@
 #include "raylift/base/text.h"
 #include "raylift/comparison/report.h"
 #include "raylift/evaluation/pose_errors.h"
-#include "raylift/evaluation/trajectory_errors.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/query_list.h"
 #include "raylift/io/scene_file.h"

@@ -19,6 +19,7 @@
 #include "base/progress.h"
 #include "lifting/mesh_spec.h"
 #include "views/job_files.h"
+#include "views/mesh_scene.h"
 #include "views/task_list.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -32,7 +33,6 @@
 #include "raylift/io/query_list.h"
 #include "raylift/report/geometry_report.h"
 #include "raylift/scene/photographs.h"
-#include "raylift/views/mesh_scene.h"
 #include "raylift/views/render_job.h"
 
 namespace raylift {

@@ -12,6 +12,7 @@
 #include "apps/options.h"
 #include "lifting/mesh_spec.h"
 #include "views/job_files.h"
+#include "views/mesh_scene.h"
 #include "views/task_list.h"
 #include <fmt/format.h>
 
@@ -21,7 +22,6 @@
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/query_list.h"
-#include "raylift/views/mesh_scene.h"
 #include "raylift/views/rendered_references.h"
 #include "raylift/views/view_sampler.h"
 

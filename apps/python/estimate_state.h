@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "raylift/estimation/match_noise.h"
-#include "raylift/estimation/pose_estimate.h"
+#include "raylift/estimation/pose_estimator.h"
 #include "raylift/localization/localizer.h"
 #include "raylift/scene/pose_problem.h"
 

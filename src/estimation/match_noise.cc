@@ -9,7 +9,7 @@
 #include "estimation/fields.h"
 
 #include "raylift/base/parallel.h"
-#include "raylift/estimation/pose_estimate.h"
+#include "raylift/estimation/pose_estimator.h"
 
 namespace raylift {
 namespace {

@@ -1,5 +1,3 @@
-#include "raylift/evaluation/bootstrap.h"
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -9,6 +7,7 @@
 #include "base/statistics.h"
 
 #include "raylift/base/error.h"
+#include "raylift/evaluation/pose_errors.h"
 
 namespace raylift {
 namespace {

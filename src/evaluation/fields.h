@@ -6,8 +6,7 @@
 
 #include "base/fields.h"
 
-#include "raylift/evaluation/depth_perturbation.h"
-#include "raylift/evaluation/odometry_perturbation.h"
+#include "raylift/evaluation/perturbation.h"
 
 namespace raylift {
 

@@ -1,10 +1,10 @@
-#include "raylift/evaluation/odometry_perturbation.h"
-
 #include <cmath>
 #include <numbers>
 
 #include "base/rng.h"
 #include "evaluation/fields.h"
+
+#include "raylift/evaluation/perturbation.h"
 
 namespace raylift {
 namespace {

@@ -1,5 +1,3 @@
-#include "raylift/evaluation/trajectory_errors.h"
-
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -10,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/text.h"
+#include "raylift/evaluation/pose_errors.h"
 
 namespace raylift {
 namespace {

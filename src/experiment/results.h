@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "raylift/base/enum_names.h"
-#include "raylift/evaluation/bootstrap.h"
 #include "raylift/evaluation/pose_errors.h"
 #include "raylift/experiment/experiment.h"
 #include "raylift/experiment/run_cells.h"

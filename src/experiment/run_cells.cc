@@ -15,7 +15,7 @@
 #include "raylift/base/file.h"
 #include "raylift/base/parallel.h"
 #include "raylift/base/text.h"
-#include "raylift/evaluation/depth_perturbation.h"
+#include "raylift/evaluation/perturbation.h"
 #include "raylift/io/depth_file.h"
 #include "raylift/io/scene_file.h"
 #include "raylift/lifting/geometry_spec.h"

@@ -1,5 +1,3 @@
-#include "raylift/geometry/lens.h"
-
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -7,6 +5,8 @@
 #include "base/constants.h"
 #include <Eigen/Geometry>
 #include <Eigen/LU>
+
+#include "raylift/geometry/camera.h"
 
 namespace raylift {
 namespace {

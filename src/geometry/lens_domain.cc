@@ -9,7 +9,7 @@
 #include "base/constants.h"
 #include <Eigen/LU>
 
-#include "raylift/geometry/lens.h"
+#include "raylift/geometry/camera.h"
 
 namespace raylift {
 namespace {

@@ -4,7 +4,7 @@
 
 #include <span>
 
-#include "raylift/estimation/pose_estimate.h"
+#include "raylift/estimation/pose_estimator.h"
 #include "raylift/geometry/rigid3.h"
 #include "raylift/scene/pose_problem.h"
 

@@ -1,4 +1,4 @@
-#include "raylift/views/mesh_scene.h"
+#include "views/mesh_scene.h"
 
 #include <chrono>
 #include <optional>

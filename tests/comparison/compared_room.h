@@ -14,7 +14,7 @@
 
 #include "support/meshes.h"
 
-#include "raylift/evaluation/depth_perturbation.h"
+#include "raylift/evaluation/perturbation.h"
 #include "raylift/lifting/depth_source.h"
 #include "raylift/lifting/mesh_source.h"
 #include "raylift/renderers/frame_renderer.h"

@@ -7,7 +7,7 @@
 #include <gtest/gtest.h>
 
 #include "raylift/estimation/options.h"
-#include "raylift/estimation/pose_estimate.h"
+#include "raylift/estimation/pose_estimator.h"
 #include "raylift/geometry/rigid3.h"
 #include "raylift/scene/pose_problem.h"
 

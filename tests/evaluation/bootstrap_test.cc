@@ -1,10 +1,10 @@
-#include "raylift/evaluation/bootstrap.h"
-
 #include <cmath>
 #include <limits>
 #include <string>
 
 #include <gtest/gtest.h>
+
+#include "raylift/evaluation/pose_errors.h"
 
 namespace raylift {
 namespace {

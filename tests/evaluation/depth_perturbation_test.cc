@@ -1,5 +1,3 @@
-#include "raylift/evaluation/depth_perturbation.h"
-
 #include <cmath>
 #include <vector>
 
@@ -7,6 +5,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/evaluation/depth_errors.h"
+#include "raylift/evaluation/perturbation.h"
 
 namespace raylift {
 namespace {

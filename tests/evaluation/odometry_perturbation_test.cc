@@ -1,11 +1,10 @@
-#include "raylift/evaluation/odometry_perturbation.h"
-
 #include <vector>
 
 #include "support/matchers.h"
 #include <gtest/gtest.h>
 
 #include "raylift/base/error.h"
+#include "raylift/evaluation/perturbation.h"
 
 namespace raylift {
 namespace {

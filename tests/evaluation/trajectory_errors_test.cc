@@ -1,10 +1,10 @@
-#include "raylift/evaluation/trajectory_errors.h"
-
 #include <cmath>
 #include <vector>
 
 #include "support/matchers.h"
 #include <gtest/gtest.h>
+
+#include "raylift/evaluation/pose_errors.h"
 
 namespace raylift {
 namespace {

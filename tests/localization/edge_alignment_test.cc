@@ -10,6 +10,7 @@
 #include "localization/alignment/scene_edges.h"
 #include "support/meshes.h"
 #include "support/test_data.h"
+#include "views/mesh_scene.h"
 #include <gtest/gtest.h>
 #include <opencv2/imgproc.hpp>
 
@@ -17,7 +18,6 @@
 #include "raylift/io/image_file.h"
 #include "raylift/io/query_list.h"
 #include "raylift/localization/scene.h"
-#include "raylift/views/mesh_scene.h"
 
 namespace raylift {
 namespace {

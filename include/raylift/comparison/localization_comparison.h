@@ -15,7 +15,6 @@
 
 #include "raylift/estimation/options.h"
 #include "raylift/estimation/pose_estimator.h"
-#include "raylift/evaluation/bootstrap.h"
 #include "raylift/evaluation/pose_errors.h"
 #include "raylift/lifting/consistency_filter.h"
 #include "raylift/lifting/depth_alignment.h"

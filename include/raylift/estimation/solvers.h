@@ -14,7 +14,7 @@
 
 #include <Eigen/Core>
 
-#include "raylift/estimation/pose_estimate.h"
+#include "raylift/estimation/pose_estimator.h"
 #include "raylift/geometry/rigid3.h"
 
 namespace raylift {

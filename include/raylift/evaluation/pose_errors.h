@@ -1,8 +1,10 @@
-// Errors of estimated poses, query by query; recalls and medians; calibration of covariances.
+// Errors of estimated poses, query by query and along trajectories; recalls and medians, whether
+// these differ by more than luck, and the calibration of covariances.
 
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <map>
 #include <optional>
 #include <span>
@@ -149,5 +151,80 @@ std::string FormatTableCsv(const ResultTable& table);
 // coverage_90_percent, median_sigmas, below_3_sigma_percent}}]}, the last where it is known. An
 // infinite median is null, as JSON has no such number.
 std::string FormatTableJson(const ResultTable& table);
+
+struct Interval {
+  double low = 0;
+  double high = 0;
+  bool Contains(double value) const { return low <= value && value <= high; }
+};
+
+// Says whether a difference between two methods is more than luck with the queries: the bootstrap
+// (Efron 1979). Queries are drawn with replacement, all methods are rated on the same draws, and
+// the middle 95 % of what comes out is the interval.
+class QueryBootstrap {
+ public:
+  // Draws depend on the seed and the numbers alone. num_queries > 0.
+  QueryBootstrap(size_t num_queries, uint64_t seed, int num_draws = 2000);
+
+  // Returns the interval of the recall in percent. The comparison must have `num_queries` queries.
+  Interval RecallPercent(const Comparison& comparison, const Threshold& threshold) const;
+
+  // Returns that of recall(a) - recall(b) in percent. Where it contains 0, the difference is noise.
+  Interval RecallDifferencePercent(const Comparison& a, const Comparison& b,
+                                   const Threshold& threshold) const;
+
+  // Returns that of the mean of one value per query.
+  Interval Mean(std::span<const double> per_query) const;
+
+  // The mean of `first` minus the largest mean of `others`, which is looked for anew in each
+  // draw: the one that is best on all queries is partly so by luck. `others` is not empty.
+  struct Difference {
+    Interval interval;
+    // Probabilities that `first` is not better than one of them, or not worse than any, one-sided,
+    // by the normal approximation of each difference; not below what that many queries can show.
+    double p_better = 1, p_worse = 1;
+  };
+  Difference ToBest(std::span<const double> first,
+                    std::span<const std::vector<double>> others) const;
+
+  // Returns that of the median position error; infinite where half of a draw has no pose.
+  Interval MedianPosition(const Comparison& comparison) const;
+
+ private:
+  size_t num_queries_;
+  std::vector<uint32_t> draws_;  // num_queries_ indices per draw
+};
+
+// Errors of a trajectory as evo (Grupp 2017) defines them, without alignment: APE, of each pose,
+// and RPE, of each step from one pose to the next.
+
+struct ErrorStatistics {
+  double rmse = 0, mean = 0, median = 0, std = 0, min = 0, max = 0, sse = 0;
+};
+// Of no errors, zeros.
+ErrorStatistics StatisticsOf(std::vector<double> errors);
+
+struct TrajectoryErrors {
+  std::string name;
+  size_t poses = 0;
+  ErrorStatistics ape_position, ape_rotation_deg;
+  ErrorStatistics rpe_position, rpe_rotation_deg;
+};
+
+struct TrajectoryPose {
+  Rigid3 estimated_cam_from_world;
+  Rigid3 true_cam_from_world;
+};
+
+// With the true world_from_cam Q and the estimated P, the errors are those of Q_i^-1 P_i and of
+// (Q_i^-1 Q_i+1)^-1 (P_i^-1 P_i+1).
+TrajectoryErrors CompareTrajectories(std::string name, std::span<const TrajectoryPose> poses);
+
+// Aligned columns, four rows for each trajectory.
+std::string FormatTrajectoryText(std::span<const TrajectoryErrors> trajectories);
+
+// [{name, poses, ape_position: {rmse, mean, median, std, min, max, sse}, ape_rotation_deg,
+// rpe_position, rpe_rotation_deg}]
+std::string FormatTrajectoryJson(std::span<const TrajectoryErrors> trajectories);
 
 }  // namespace raylift

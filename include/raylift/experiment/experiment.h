@@ -18,7 +18,7 @@
 
 #include "raylift/base/enum_names.h"
 #include "raylift/estimation/options.h"
-#include "raylift/evaluation/depth_perturbation.h"
+#include "raylift/evaluation/perturbation.h"
 #include "raylift/evaluation/pose_errors.h"
 #include "raylift/geometry/rigid3.h"
 #include "raylift/lifting/consistency_filter.h"

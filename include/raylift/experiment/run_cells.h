@@ -14,7 +14,7 @@
 #include <string>
 #include <vector>
 
-#include "raylift/estimation/pose_estimate.h"
+#include "raylift/estimation/pose_estimator.h"
 #include "raylift/experiment/experiment.h"
 #include "raylift/geometry/rigid3.h"
 #include "raylift/localization/scene.h"

@@ -10,7 +10,7 @@
 #include "estimation/confidence/confidence.h"
 #include "estimation/problem/observations.h"
 
-#include "raylift/estimation/pose_estimate.h"
+#include "raylift/estimation/pose_estimator.h"
 
 namespace raylift {
 namespace {

@@ -29,7 +29,7 @@
 #include "estimation/problem/normalized_problem.h"
 
 #include "raylift/estimation/options.h"
-#include "raylift/estimation/pose_estimate.h"
+#include "raylift/estimation/pose_estimator.h"
 
 namespace raylift {
 

@@ -12,7 +12,7 @@
 #include "estimation/ransac/scores.h"
 
 #include "raylift/estimation/options.h"
-#include "raylift/estimation/pose_estimate.h"
+#include "raylift/estimation/pose_estimator.h"
 
 namespace raylift {
 

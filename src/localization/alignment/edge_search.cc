@@ -20,7 +20,7 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "raylift/estimation/pose_estimate.h"
+#include "raylift/estimation/pose_estimator.h"
 #include "raylift/geometry/residuals.h"
 
 namespace raylift {

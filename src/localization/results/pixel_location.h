@@ -7,7 +7,7 @@
 
 #include <Eigen/Core>
 
-#include "raylift/estimation/pose_estimate.h"
+#include "raylift/estimation/pose_estimator.h"
 #include "raylift/geometry/camera.h"
 #include "raylift/renderers/ray_caster.h"
 

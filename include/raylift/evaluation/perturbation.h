@@ -1,19 +1,23 @@
-// Depth maps made worse on purpose, each in the way that some source of depth is bad: to learn what
-// a localizer stands, and to check that a comparison names what is wrong. The same seed and image
-// give the same map; each kind draws from a stream of its own, so that adding one leaves the others
-// as they were. Holes stay holes.
+// Depth maps and odometry made worse on purpose, each in the way that some source of them is bad:
+// to learn what a localizer stands, and to check that a comparison names what is wrong. The same
+// seed gives the same errors.
 
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <span>
 #include <string_view>
+#include <vector>
 
 #include "raylift/base/enum_names.h"
+#include "raylift/geometry/rigid3.h"
 #include "raylift/scene/image.h"
 
 namespace raylift {
 
-// Applied in this order; 0 (a factor of 1) leaves the depth alone.
+// Each kind draws from a stream of its own by seed and image, so that adding one leaves the others
+// as they were. Applied in this order; 0 (a factor of 1) leaves the depth alone. Holes stay holes.
 struct DepthPerturbation {
   double scale = 1;           // one factor for all images
   double scale_sigma = 0;     // ln of a factor per image
@@ -61,5 +65,29 @@ inline constexpr auto kEnumNames<MadeConfidence> = std::to_array<EnumName<MadeCo
 // Returns the confidences, from 1 on, of what PerturbDepth() makes of a map. Not of kNone.
 DepthMap ConfidenceOfPerturbed(const DepthMap& map, const DepthPerturbation& perturbation,
                                MadeConfidence kind, std::string_view image_name);
+
+// Odometry made from a true trajectory, with the faults that odometry has.
+
+// Errors of drift are drawn for each step of the way, so that they add up as in a random walk:
+// their deviation grows with the way's root.
+struct OdometryPerturbation {
+  double drift_sigma = 0;     // of the position over a scene unit of way, per axis, scene units
+  double turn_sigma_deg = 0;  // of the orientation over a scene unit of way, per axis
+  double unit = 1;            // scene units per unit of the odometry
+  double lost_share = 0;      // of the steps: the odometry begins anew somewhere
+  double dropout_share = 0;   // of the poses, which are missing
+
+  // Throws OptionError for a value out of its range.
+  void Validate() const;
+};
+
+struct OdometryPose {
+  size_t index = 0;  // in the trajectory
+  Rigid3 cam_from_odometry;
+};
+
+// The odometry's world is the first camera's frame.
+std::vector<OdometryPose> PerturbOdometry(std::span<const Rigid3> cam_from_world,
+                                          const OdometryPerturbation& perturbation, uint64_t seed);
 
 }  // namespace raylift
