@@ -63,6 +63,7 @@ template <typename T>
 void FromBytes(const py::handle& state, std::vector<T>& values) {
   const auto bytes = state.cast<std::string_view>();
   values.resize(bytes.size() / sizeof(T));
+  if (values.empty()) return;  // null is no memory to copy to
   std::memcpy(static_cast<void*>(values.data()), bytes.data(), values.size() * sizeof(T));
 }
 

@@ -43,6 +43,7 @@ class Bytes {
 
   template <typename T>
   void Block(std::span<T> values) {
+    if (values.empty()) return;  // null is no memory to copy to
     if (written_ != nullptr) {
       written_->append(reinterpret_cast<const char*>(values.data()), values.size_bytes());
       return;
