@@ -297,6 +297,23 @@ determine the pose.)")
                              [](const PoseEstimate& e) { return e.score_2d3d.num_inliers; })
       .def_property_readonly("num_inliers_2d2d",
                              [](const PoseEstimate& e) { return e.score_2d2d.num_inliers; })
+      .def_property_readonly(
+          "alternatives",
+          [](const PoseEstimate& e) {
+            py::list alternatives;
+            for (const AlternativePose& other : e.alternatives) {
+              py::dict alternative;
+              alternative["cam_from_world"] = other.cam_from_world;
+              alternative["probability"] = other.probability;
+              alternative["covariance"] = py::none();
+              if (other.covariance) alternative["covariance"] = ToArray(*other.covariance);
+              alternatives.append(alternative);
+            }
+            return alternatives;
+          },
+          "Poses elsewhere that explain the matches about as well, so that the pose is doubtful; "
+          "the "
+          "likeliest first.")
       .def_readonly("inlier_keypoints", &PoseEstimate::inlier_keypoints,
                     "Of the query: one counts once, in however many references.")
       .def_readonly("num_keypoints", &PoseEstimate::num_keypoints, "That have matches.")

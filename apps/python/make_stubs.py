@@ -51,6 +51,7 @@ TYPES = {
     "Localizer.localize": {"query": "_types.PhotographLike"},
     "Localizer.localize_all": {"return": "dict[str, LocalizedQuery]"},
     "Mesh.read": {"files": "_types.PathLike | collections.abc.Sequence[_types.PathLike]"},
+    "PoseEstimate.alternatives": {"return": "list[_results.AlternativePose]"},
     "PoseEstimate.noise": {"return": "_results.Noise | None"},
     "RayCaster.cast": {"return": "_results.RayHits"},
     "RayCaster.render": {"return": "_results.Pictures", "kwargs": "Unpack[_types.RenderOptions]"},

@@ -80,8 +80,13 @@ PoseEstimate EstimateOfCamera(const PoseProblem& joined, const PoseEstimate& est
        {&of_camera.cam_from_world, &of_camera.p3p_cam_from_world, &of_camera.e5p1_cam_from_world}) {
     if (*pose) **pose = cam_from_query * **pose;
   }
+  const Matrix6d step = StepAdjoint(cam_from_query);
+  for (AlternativePose& alternative : of_camera.alternatives) {
+    alternative.cam_from_world = cam_from_query * alternative.cam_from_world;
+    if (!alternative.covariance) continue;
+    alternative.covariance = (step * *alternative.covariance * step.transpose()).eval();
+  }
   if (estimate.covariance) {
-    const Matrix6d step = StepAdjoint(cam_from_query);
     of_camera.covariance = step * *estimate.covariance * step.transpose();
     // A step moves the center by v alone, as in the estimator.
     of_camera.position_sigma = std::sqrt(of_camera.covariance->bottomRightCorner<3, 3>().trace());

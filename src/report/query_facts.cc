@@ -70,6 +70,12 @@ Json QueryFacts(const LocalizedQuery& query) {
       json["position_sigma"] = estimate.position_sigma;
       json["rotation_sigma_deg"] = estimate.rotation_sigma_deg;
     }
+    const Eigen::Vector3d center = estimate.cam_from_world->OriginInSource();
+    for (const AlternativePose& other : estimate.alternatives) {
+      json["alternatives"].push_back(
+          {{"probability", other.probability},
+           {"distance", (other.cam_from_world.OriginInSource() - center).norm()}});
+    }
   }
   return json;
 }
@@ -109,7 +115,8 @@ void TakePictures(const WalkedQuery& walked, const Query& query, const RayCaster
 
 void TakeWalk(const WalkedQuery& walked, const Query& query, const RayCaster* mesh, Json& part) {
   Json& json = part.at("query");
-  for (const char* key : {"solver", "focal_px", "position_sigma", "rotation_sigma_deg"}) {
+  for (const char* key :
+       {"solver", "focal_px", "position_sigma", "rotation_sigma_deg", "alternatives"}) {
     json.erase(key);
   }
   json.update(QueryFacts(walked.localized));

@@ -6,11 +6,13 @@
 #include <utility>
 #include <vector>
 
+#include "geometry/pose_step.h"
 #include "support/coherent_problem.h"
 #include "support/matchers.h"
 
 #include "raylift/estimation/options.h"
 #include "raylift/estimation/pose_estimator.h"
+#include "raylift/geometry/residuals.h"
 
 namespace raylift {
 namespace {
@@ -19,6 +21,27 @@ PoseEstimate Estimate(const PoseProblem& problem, Method method = Method::kAdapt
   EstimatorOptions options;
   options.method = method;
   return MakePoseEstimator(options)->Estimate(problem);
+}
+
+// Whether a pose is near `cam_from_world`, for what the scene is far away: 1 % of 20.
+bool IsNear(const Rigid3& pose, const Rigid3& cam_from_world) {
+  return (pose.OriginInSource() - cam_from_world.OriginInSource()).norm() < 0.2;
+}
+
+// Expects that of the pose and its alternatives one is near each of two, as surely as covariances
+// and probabilities say.
+void ExpectBoth(const PoseEstimate& estimate, const Rigid3& one, const Rigid3& other) {
+  ASSERT_TRUE(estimate.cam_from_world);
+  const bool has_one = IsNear(*estimate.cam_from_world, one);
+  EXPECT_TRUE(has_one || IsNear(*estimate.cam_from_world, other));
+  ASSERT_EQ(estimate.alternatives.size(), 1U);
+  const AlternativePose& alternative = estimate.alternatives.front();
+  EXPECT_NEAR(alternative.probability + estimate.confidence, 1, 0.05);
+  const Rigid3& truth = has_one ? other : one;
+  EXPECT_TRUE(IsNear(alternative.cam_from_world, truth));
+  ASSERT_TRUE(alternative.covariance);
+  const Vector6d error = StepBetween(alternative.cam_from_world, truth);
+  EXPECT_LT(error.dot(alternative.covariance->inverse() * error), 30);
 }
 
 // Each reference pixel, and its point, is given to another query keypoint.
@@ -320,7 +343,9 @@ TEST(Support, PosesThatExplainTheSameKeypointsByOtherMatchesAreTwoAnswers) {
       match.point_in_world = other_from_world * match.point_in_world;
     }
   }
-  EXPECT_NE(Estimate(problem).verdict, PoseVerdict::kLocalized);
+  const PoseEstimate estimate = Estimate(problem);
+  EXPECT_NE(estimate.verdict, PoseVerdict::kLocalized);
+  ExpectBoth(estimate, made.query_from_world, made.query_from_world * other_from_world.Inverse());
 
   const NormalizedProblem prepared(problem, 8, 2, rng);
   const InlierAssessor assessor(problem, prepared, MatchSets::kBoth, 100);
@@ -574,6 +599,12 @@ TEST(Support, WhatTheSceneHoldsTwiceIsDoubtful) {
       ASSERT_TRUE(estimate.cam_from_world);
       EXPECT_EQ(estimate.verdict, twice ? PoseVerdict::kDoubtful : PoseVerdict::kLocalized)
           << ToString(method) << ", confidence " << estimate.confidence;
+      if (twice) {
+        const Rigid3 moved{Eigen::Quaterniond::Identity(), Eigen::Vector3d(-3, -0.5, 0)};
+        ExpectBoth(estimate, made.query_from_world, made.query_from_world * moved);
+      } else {
+        EXPECT_TRUE(estimate.alternatives.empty());
+      }
     }
   }
 }

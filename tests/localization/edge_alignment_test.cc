@@ -6,6 +6,7 @@
 #include "features/cv_image.h"
 #include "localization/alignment/edge_aligner.h"
 #include "localization/alignment/edge_image.h"
+#include "localization/alignment/edge_search.h"
 #include "localization/alignment/edge_turns.h"
 #include "localization/alignment/scene_edges.h"
 #include "support/meshes.h"
@@ -162,6 +163,28 @@ TEST_F(DemoAlignment, IsTheSameAgain) {
   const PoseEstimate again = Align({2, -1, 1}, {0.2, -0.3, 0.1});
   ASSERT_TRUE(estimate.cam_from_world && again.cam_from_world);
   EXPECT_EQ(again.cam_from_world->translation, estimate.cam_from_world->translation);
+}
+
+// Where half of the cells speak for each of two modes as clearly, each is right or not with equal
+// odds; one that no cell speaks for is none, and one within the best one's covariance no other.
+TEST(AlternativesOf, AreModesElsewhereThatExplainThePhotographAsWell) {
+  const auto mode = [](double x, CellScores cells) {
+    EdgeMode made;
+    made.fit.cam_from_world.translation.x() = x;
+    made.fit.covariance = 1e-4 * Eigen::Matrix<double, 6, 6>::Identity();
+    made.cells = std::move(cells);
+    return made;
+  };
+  CellScores best = CellScores::Constant(2);
+  best.tail(kNumCells / 2).setConstant(4);
+  const FoundByEdges found{
+      {mode(0, best), mode(0.02, best.reverse()), mode(3, 0 * best), mode(1, best.reverse())}, 0.1};
+  const std::vector<AlternativePose> alternatives = AlternativesOf(found);
+  ASSERT_EQ(alternatives.size(), 1U);
+  EXPECT_EQ(alternatives[0].cam_from_world.translation.x(), 1);
+  EXPECT_TRUE(alternatives[0].covariance);
+  EXPECT_NEAR(alternatives[0].probability, 0.45, 1e-6);
+  EXPECT_NEAR(ConfidenceOf(found), 0.45, 1e-6);
 }
 
 // Its few edges are in few cells; what the mirrored photograph shows by chance is far less.

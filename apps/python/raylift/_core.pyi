@@ -360,6 +360,11 @@ class PoseEstimate:
     def _repr_html_(self) -> str:
         ...
     @property
+    def alternatives(self) -> list[raylift._results.AlternativePose]:
+        """
+        Poses elsewhere that explain the matches about as well, so that the pose is doubtful; the likeliest first.
+        """
+    @property
     def cam_from_world(self) -> Rigid3 | None:
         """
         The pose; None where there is none.

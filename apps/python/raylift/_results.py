@@ -132,6 +132,14 @@ class Noise(TypedDict):
     reference_position: float
 
 
+class AlternativePose(TypedDict):
+    """Of PoseEstimate.alternatives: a pose elsewhere, and the probability that it is the right one."""
+
+    cam_from_world: _core.Rigid3
+    probability: float
+    covariance: Optional[NDArray[float64]]
+
+
 class Threshold(TypedDict):
     position: float
     rotation_deg: float
@@ -400,6 +408,15 @@ class WrittenPose(TypedDict):
     tvec: List[float]
 
 
+class _WrittenAlternative(TypedDict):
+    cam_from_world: WrittenPose
+    probability: float
+
+
+class WrittenAlternative(_WrittenAlternative, total=False):
+    covariance: List[List[float]]
+
+
 class MatchScore(TypedDict):
     matches: int
     inliers: int
@@ -446,6 +463,7 @@ class QueryLine(_QueryLine, total=False):
     rotation_sigma_deg: float
     position_sigma: float
     covariance: List[List[float]]
+    alternatives: List[WrittenAlternative]
     rerender_rounds_kept: int
     session: Session
     geopose: Dict[str, Dict[str, float]]

@@ -65,6 +65,14 @@ inline constexpr auto kEnumNames<PoseVerdict> = std::to_array<EnumName<PoseVerdi
 // Localized from this confidence on.
 inline constexpr double kLocalizedConfidence = 0.95;
 
+// A pose elsewhere that explains the matches about as well as the estimated one: of a look-alike
+// place, or by those matches that the estimated one leaves.
+struct AlternativePose {
+  Rigid3 cam_from_world;
+  double probability = 0;
+  std::optional<Eigen::Matrix<double, 6, 6>> covariance = std::nullopt;  // as PoseEstimate's
+};
+
 // The result of an estimator: the pose or a reason, its support, and how sure it is.
 struct PoseEstimate {
   std::optional<Rigid3> cam_from_world;
@@ -92,6 +100,9 @@ struct PoseEstimate {
   // src/estimation/README.md has the formula.
   double confidence = 0;
   PoseVerdict verdict = PoseVerdict::kFailed;
+  // Those that lower the confidence below that of a localized pose, the likeliest first; each with
+  // the probability that it, and not the pose or another of them, is right.
+  std::vector<AlternativePose> alternatives;
   int inlier_keypoints = 0;  // of the query: one counts once, in however many references
   int num_keypoints = 0;     // with matches
 

@@ -40,6 +40,39 @@ double MedianLearnedSigma(const PoseProblem& original, const NormalizedProblem& 
   return UpperMedianOr(std::move(sigmas), 0);
 }
 
+// A pose that may be right in place of the assessed one, against which it has these odds.
+struct Rival {
+  CamFromLocal pose;
+  InlierEvidence evidence;
+  double odds = 0;
+};
+
+// Of poses that are one answer, the likelier is kept.
+void Keep(const InlierAssessor& assessor, Rival rival, std::vector<Rival>& rivals) {
+  const auto same = std::find_if(rivals.begin(), rivals.end(), [&](const Rival& other) {
+    return !assessor.Compare(other.evidence, rival.evidence);
+  });
+  if (same == rivals.end()) {
+    rivals.push_back(std::move(rival));
+  } else if (rival.odds > same->odds) {
+    *same = std::move(rival);
+  }
+}
+
+// Either the pose or one of its rivals is right, where that is not chance's (`confidence`).
+std::vector<AlternativePose> AlternativesOf(const NormalizedProblem& normalized,
+                                            std::vector<Rival> rivals, double confidence) {
+  std::stable_sort(rivals.begin(), rivals.end(),
+                   [](const Rival& a, const Rival& b) { return a.odds > b.odds; });
+  double all = 1;
+  for (const Rival& rival : rivals) all += rival.odds;
+  std::vector<AlternativePose> alternatives;
+  for (const Rival& rival : rivals) {
+    alternatives.push_back({normalized.ToWorld(rival.pose), confidence * rival.odds / all});
+  }
+  return alternatives;
+}
+
 }  // namespace
 
 void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& normalized,
@@ -68,15 +101,20 @@ void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& norma
         FindAlternative(problem, normalized, evidence.inlier, assessed.scored, options);
     if (found) alternatives.push_back(normalized.ToLocal(*found));
   }
+  double over_alternatives = 1;
+  std::vector<Rival> rivals;
   for (const CamFromLocal& pose : alternatives) {
     const InlierEvidence alternative = assessor.Assess(pose);
     const std::optional<ExclusiveInliers> exclusive = assessor.Compare(evidence, alternative);
     if (!exclusive) continue;
     const double log_odds = log_prior - normalized.priors.LogEvidence(pose);
-    confidence =
-        std::min(confidence, ProbabilityOverAlternative(
-                                 *exclusive, std::max(evidence.clustering, alternative.clustering),
-                                 assessor.IsBeyondChance(alternative, *exclusive), log_odds));
+    const double probability = ProbabilityOverAlternative(
+        *exclusive, std::max(evidence.clustering, alternative.clustering),
+        assessor.IsBeyondChance(alternative, *exclusive), log_odds);
+    over_alternatives = std::min(over_alternatives, probability);
+    if (!(probability < kLocalizedConfidence)) continue;
+    constexpr double kLeast = 1e-6;
+    Keep(assessor, {pose, alternative, (1 - probability) / std::max(probability, kLeast)}, rivals);
   }
   // Inliers on less are one witness.
   if (assessor.Spread(evidence) < kOnePlace) confidence = std::min(confidence, 0.5);
@@ -104,6 +142,8 @@ void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& norma
                                                     distance, scale, evidence));
   }
   Conclude(confidence, of_position, estimate);
+  estimate.alternatives = AlternativesOf(normalized, std::move(rivals), estimate.confidence);
+  Conclude(std::min(confidence, over_alternatives), of_position, estimate);
 }
 
 void Conclude(double confidence, double of_position, PoseEstimate& estimate) {

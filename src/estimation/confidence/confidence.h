@@ -49,7 +49,8 @@ struct AssessedPose {
   std::vector<CamFromLocal> alternatives;  // that RANSAC found
 };
 
-// Sets the estimate's confidence, verdict and counts of keypoints.
+// Sets the estimate's confidence, verdict, counts of keypoints and alternatives; these as they were
+// found, without a covariance.
 void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& normalized,
                       const AssessedPose& assessed, const EstimatorOptions& options,
                       PoseEstimate& estimate);

@@ -70,6 +70,14 @@ class RansacEstimator final : public PoseEstimator {
   void Describe(const PoseProblem& problem, const NormalizedProblem& seen,
                 const RefinedPose& final_pose, double num_poses_tried,
                 const std::vector<CamFromLocal>& alternatives, PoseEstimate& estimate) const;
+  // Refines the estimate's alternatives, and drops those that are no others then, or whose place
+  // their matches hardly tell.
+  void RefineAlternatives(const NormalizedProblem& problem,
+                          const std::optional<KeypointEvidence>& evidence,
+                          const PoseScore& pose_score, PoseEstimate& estimate) const;
+  // Optimizes a given pose locally, as RANSAC does with one that it found.
+  RansacReport ReportOf(const NormalizedProblem& problem, const PoseScore& pose_score,
+                        const Rigid3& cam_from_world, Solver solver) const;
   FailureReason WhyNoSample(const NormalizedProblem& problem) const;
   void RejectUnsupported(bool e5p1_observes_position, PoseEstimate& estimate) const;
 

@@ -31,6 +31,16 @@ MatchNoise Describe(const JointNoise& noise, bool references_disagree, double sc
   return described;
 }
 
+// Alternatives less likely than that are none.
+constexpr double kLeastAlternative = 0.01;
+
+// Returns the covariance of a step in local units in those of the scene.
+Matrix6d ToWorldUnits(const NormalizedProblem& problem, const Matrix6d& covariance) {
+  Eigen::Matrix<double, 6, 1> unit;
+  unit << 1, 1, 1, problem.scale, problem.scale, problem.scale;
+  return unit.asDiagonal() * covariance * unit.asDiagonal();
+}
+
 // Fills what follows from the final pose: scores, inliers, covariance.
 void DescribePose(const NormalizedProblem& problem, const RefinedPose& final_pose,
                   PoseEstimate& estimate) {
@@ -60,9 +70,7 @@ void DescribePose(const NormalizedProblem& problem, const RefinedPose& final_pos
     estimate.noise = Describe(*final_pose.noise, final_pose.references_disagree, problem.scale);
   }
   if (final_pose.covariance) {
-    Eigen::Matrix<double, 6, 1> unit;
-    unit << 1, 1, 1, problem.scale, problem.scale, problem.scale;
-    SetCovariance(unit.asDiagonal() * *final_pose.covariance * unit.asDiagonal(), estimate);
+    SetCovariance(ToWorldUnits(problem, *final_pose.covariance), estimate);
   }
 }
 
@@ -244,6 +252,7 @@ PoseEstimate RansacEstimator::EstimateWithCamera(const PoseProblem& problem,
     conclude({.pose = report.best->pose, .covariance = std::nullopt});
   }
   RejectUnsupported(samplers.E5p1ObservesPosition(), estimate);
+  RefineAlternatives(normalized, evidence, pose_score, estimate);
   return estimate;
 }
 
@@ -324,18 +333,56 @@ PoseEstimate RansacEstimator::RefineFrom(const PoseProblem& problem,
     estimate.failure = FailureReason::kNoConsistentSample;
     return estimate;
   }
-  const MatchSets sets = RefinedSets(estimate.solver);
-  RansacReport report;
-  report.best = RansacResult{OptimizeLocally(normalized, normalized.ToLocal(cam_from_world), sets,
-                                             kLocalSteps, OptimizedMatches::kAll),
-                             estimate.solver, sets};
-  report.best_value = pose_score.Value(Scorer(normalized, pose_score).ScoreAll(report.best->pose));
+  const RansacReport report = ReportOf(normalized, pose_score, cam_from_world, estimate.solver);
   estimate.ransac_value = report.best_value;
   const RefinedPose refined = Refine(normalized, evidence, pose_score, report, estimate);
   const std::optional<NormalizedProblem> refocused = Refocused(normalized, refined);
   Describe(problem, refocused ? *refocused : normalized, refined, 1, {}, estimate);
   RejectUnsupported(E5p1Sampler(normalized).PositionObservable(), estimate);
   return estimate;
+}
+
+RansacReport RansacEstimator::ReportOf(const NormalizedProblem& problem,
+                                       const PoseScore& pose_score, const Rigid3& cam_from_world,
+                                       Solver solver) const {
+  const MatchSets sets = RefinedSets(solver);
+  RansacReport report;
+  report.best = RansacResult{OptimizeLocally(problem, problem.ToLocal(cam_from_world), sets,
+                                             kLocalSteps, OptimizedMatches::kAll),
+                             solver, sets};
+  report.best_value = pose_score.Value(Scorer(problem, pose_score).ScoreAll(report.best->pose));
+  return report;
+}
+
+void RansacEstimator::RefineAlternatives(const NormalizedProblem& problem,
+                                         const std::optional<KeypointEvidence>& evidence,
+                                         const PoseScore& pose_score,
+                                         PoseEstimate& estimate) const {
+  const std::vector<AlternativePose> found = std::exchange(estimate.alternatives, {});
+  if (!estimate.cam_from_world || !estimate.position_observable) return;
+  std::vector<CamFromLocal> taken = {problem.ToLocal(*estimate.cam_from_world)};
+  for (AlternativePose alternative : found) {
+    const RansacReport report =
+        ReportOf(problem, pose_score, alternative.cam_from_world, estimate.solver);
+    PoseEstimate of_alternative;
+    of_alternative.ransac_value = report.best_value;
+    const RefinedPose refined = Refine(problem, evidence, pose_score, report, of_alternative);
+    const bool is_other = std::all_of(taken.begin(), taken.end(), [&](const CamFromLocal& other) {
+      return AreApart(other, refined.pose);
+    });
+    alternative.cam_from_world = problem.ToWorld(refined.pose);
+    if (!is_other || !alternative.cam_from_world.IsFinite()) continue;
+    if (refined.covariance && refined.covariance->allFinite()) {
+      alternative.covariance = ToWorldUnits(problem, *refined.covariance);
+    }
+    const double position_sigma =
+        refined.covariance ? std::sqrt(refined.covariance->bottomRightCorner<3, 3>().trace()) : 0;
+    alternative.probability *=
+        ProbabilityOfPosition(position_sigma, SceneDistance(problem, refined.pose, method_.scored));
+    if (!(alternative.probability > kLeastAlternative)) continue;
+    taken.push_back(refined.pose);
+    estimate.alternatives.push_back(alternative);
+  }
 }
 
 MatchSets RansacEstimator::RefinedSets(Solver solver) const {

@@ -56,6 +56,7 @@ PoseEstimate EdgeAligner::Estimate(const PoseProblem& problem) const {
   estimate.cam_from_world = fit.cam_from_world;
   SetCovariance(fit.covariance, estimate);
   estimate.confidence = ConfidenceOf(found);
+  estimate.alternatives = AlternativesOf(found);
   if (estimate.confidence >= kLocalizedConfidence) estimate.verdict = PoseVerdict::kLocalized;
   return estimate;
 }

@@ -20,7 +20,6 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "raylift/estimation/pose_estimator.h"
 #include "raylift/geometry/residuals.h"
 
 namespace raylift {
@@ -417,6 +416,15 @@ std::vector<double> ScoresByChance(const std::shared_ptr<const RayCaster>& mesh,
   return scores;
 }
 
+// Returns the probability that another mode is right, if that or the best one is; 0 where it is the
+// same place.
+double ChanceOfOther(std::span<const EdgeMode> modes, size_t other) {
+  const EdgeMode& best = modes.front();
+  const Vector6d step = StepBetween(best.fit.cam_from_world, modes[other].fit.cam_from_world);
+  if (step.dot(best.fit.covariance.ldlt().solve(step)) < kSameMode) return 0;
+  return ChanceOf(best.cells - modes[other].cells);
+}
+
 // Returns whether it hangs on the chance whether the best mode counts as localized.
 bool IsOpen(FoundByEdges found) {
   if (ConfidenceOf(found) >= kLocalizedConfidence) return false;
@@ -452,16 +460,25 @@ FoundByEdges SearchByEdges(const std::shared_ptr<const RayCaster>& mesh, const I
 }
 
 double ConfidenceOf(const FoundByEdges& found) {
-  if (found.modes.empty()) return 0;
-  const EdgeMode& best = found.modes.front();
-  double right = 1 - found.chance;
-  for (size_t i = 1; i < found.modes.size(); ++i) {
-    const EdgeMode& other = found.modes[i];
-    const Vector6d step = StepBetween(best.fit.cam_from_world, other.fit.cam_from_world);
-    if (step.dot(best.fit.covariance.ldlt().solve(step)) < kSameMode) continue;
-    right *= 1 - ChanceOf(best.cells - other.cells);
-  }
+  double right = found.modes.empty() ? 0 : 1 - found.chance;
+  for (size_t i = 1; i < found.modes.size(); ++i) right *= 1 - ChanceOfOther(found.modes, i);
   return right;
+}
+
+std::vector<AlternativePose> AlternativesOf(const FoundByEdges& found) {
+  const double right = ConfidenceOf(found);
+  std::vector<AlternativePose> alternatives;
+  for (size_t i = 1; i < found.modes.size(); ++i) {
+    const double chance = ChanceOfOther(found.modes, i);
+    if (!(chance > 1 - kLocalizedConfidence)) continue;
+    const EdgeFit& fit = found.modes[i].fit;
+    alternatives.push_back({fit.cam_from_world, right * chance / (1 - chance), fit.covariance});
+  }
+  std::stable_sort(alternatives.begin(), alternatives.end(),
+                   [](const AlternativePose& a, const AlternativePose& b) {
+                     return a.probability > b.probability;
+                   });
+  return alternatives;
 }
 
 }  // namespace raylift

@@ -8,6 +8,7 @@
 
 #include "localization/alignment/edge_score.h"
 
+#include "raylift/estimation/pose_estimator.h"
 #include "raylift/renderers/ray_caster.h"
 #include "raylift/scene/image.h"
 
@@ -39,5 +40,9 @@ FoundByEdges SearchByEdges(const std::shared_ptr<const RayCaster>& mesh, const I
 // the normal distribution's tail, it is
 //   (1 - chance) product over the other modes of (1 - Q(z)).
 double ConfidenceOf(const FoundByEdges& found);
+
+// The other modes that lower it below that of a localized pose, each with the probability that it
+// and no other is right, the likeliest first.
+std::vector<AlternativePose> AlternativesOf(const FoundByEdges& found);
 
 }  // namespace raylift

@@ -123,6 +123,12 @@ void Members(JsonMembers& members, MatchSetScore& score) {
 
 void Members(JsonMembers& members, MatchNoise& noise) { members.Fields(FieldsOf(noise)); }
 
+static void Members(JsonMembers& members, AlternativePose& alternative) {
+  members("cam_from_world", alternative.cam_from_world);
+  members("probability", alternative.probability);
+  members.If(alternative.covariance.has_value(), "covariance", alternative.covariance);
+}
+
 void Members(JsonMembers& members, PoseEstimate& estimate) {
   members("keypoints", estimate.num_keypoints);
   members("inlier_keypoints", estimate.inlier_keypoints);
@@ -144,6 +150,7 @@ void Members(JsonMembers& members, PoseEstimate& estimate) {
   members.If(has_covariance, "rotation_sigma_deg", estimate.rotation_sigma_deg);
   members.If(has_covariance, "position_sigma", estimate.position_sigma);
   members.If(has_covariance, "covariance", estimate.covariance);
+  members.If(!estimate.alternatives.empty(), "alternatives", estimate.alternatives);
 }
 
 void Members(JsonMembers& members, StageTimes& times) {

@@ -110,6 +110,9 @@ function verdictFacts(query) {
   if (query.verdict !== "failed") {
     facts.push(`${query.verdict}: wrong with probability ${number(1 - query.confidence)}`);
     facts.push(`${query.inlier_keypoints} of ${query.keypoints} keypoints are inliers`);
+    for (const other of query.alternatives || []) {
+      facts.push(`a pose ${number(other.distance)} units away is the right one with probability ${number(other.probability)}`);
+    }
     if (query.focal_px) facts.push(`focal length found with the pose: ${number(query.focal_px)} px`);
   }
   return facts;
