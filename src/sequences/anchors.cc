@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <numeric>
 #include <optional>
 #include <utility>
 
@@ -38,7 +39,16 @@ class AnchorSearch {
     for (size_t i = 1; i < way_.size(); ++i) way_[i] += way_[i - 1];
     log_anywhere_ = LogDensityAnywhere(ExtentOf(frames, scale));
     for (size_t i = 0; i < frames.size(); ++i) {
-      if (frames[i].single) with_pose_.push_back(i);
+      const std::vector<double> confidences = UsedConfidences(frames[i]);
+      if (confidences.empty()) continue;
+      const size_t place = all_wrong_.size() - 1;
+      for (size_t k = 0; k < confidences.size(); ++k) {
+        const Anchor anchor{i, k};
+        const double right = -2 * std::log(confidences[k]) - CostOfWrongPose(anchor, place);
+        candidates_.push_back({anchor, place, right});
+      }
+      const double wrong = 1 - std::accumulate(confidences.begin(), confidences.end(), 0.0);
+      all_wrong_.push_back(all_wrong_.back() - 2 * std::log(wrong));
     }
   }
 
@@ -50,31 +60,30 @@ class AnchorSearch {
       bool lost = false;
     };
     std::vector<State> states;
-    double wrong_so_far = 0;  // cost of all frames before, if all are wrong
-    std::vector<double> wrong_before;
-    for (size_t k = 0; k < with_pose_.size(); ++k) {
-      const SinglePose& single = *frames_[with_pose_[k]].single;
-      const double right = -2 * std::log(UsedConfidence(single));
-      State best{wrong_so_far + right - 2 * log_anywhere_, std::nullopt};
-      for (size_t j = k > kWindow ? k - kWindow : 0; j < k; ++j) {
-        const double wrong_between = wrong_so_far - wrong_before[j] - WrongCost(j);
-        const auto [cost, lost] = Tie(with_pose_[j], with_pose_[k]);
-        const double total = states[j].cost + wrong_between + right + cost;
+    size_t first = 0;  // that the candidate may be tied to
+    for (const Candidate& candidate : candidates_) {
+      State best{all_wrong_[candidate.place] + candidate.right - 2 * log_anywhere_, std::nullopt};
+      while (candidates_[first].place + kWindow < candidate.place) ++first;
+      for (size_t j = first; candidates_[j].place < candidate.place; ++j) {
+        const double wrong_between =
+            all_wrong_[candidate.place] - all_wrong_[candidates_[j].place + 1];
+        const auto [cost, lost] = Tie(candidates_[j].anchor, candidate.anchor);
+        const double total = states[j].cost + wrong_between + candidate.right + cost;
         if (total < best.cost) best = {total, j, lost};
       }
       states.push_back(best);
-      wrong_before.push_back(wrong_so_far);
-      wrong_so_far += WrongCost(k);
     }
     std::optional<size_t> last;
     double least = std::numeric_limits<double>::infinity();
     for (size_t k = 0; k < states.size(); ++k) {
-      const double total = states[k].cost + wrong_so_far - wrong_before[k] - WrongCost(k);
+      const double wrong_after = all_wrong_.back() - all_wrong_[candidates_[k].place + 1];
+      const double total = states[k].cost + wrong_after;
       if (total < least) std::tie(least, last) = std::pair(total, k);
     }
     std::vector<Anchor> anchors;
     for (; last; last = states[*last].before) {
-      anchors.push_back({with_pose_[*last], states[*last].lost});
+      anchors.push_back(candidates_[*last].anchor);
+      anchors.back().lost_before = states[*last].lost;
     }
     std::reverse(anchors.begin(), anchors.end());
     return WithoutReturns(anchors);
@@ -91,7 +100,7 @@ class AnchorSearch {
     }
     for (size_t i = 0; i < runs.size(); ++i) {
       for (size_t k = runs.size() - 1; k > i + 1; --k) {
-        if (Tie(runs[i].back().frame, runs[k].front().frame).second) continue;
+        if (Tie(runs[i].back(), runs[k].front()).second) continue;
         const auto begin = runs.begin() + static_cast<std::ptrdiff_t>(i);
         const auto end = runs.begin() + static_cast<std::ptrdiff_t>(k);
         size_t between = 0;
@@ -114,25 +123,41 @@ class AnchorSearch {
     std::vector<Anchor> anchors;
     for (const std::vector<Anchor>& run : runs) {
       for (Anchor anchor : run) {
-        anchor.lost_before = !anchors.empty() && Tie(anchors.back().frame, anchor.frame).second;
+        anchor.lost_before = !anchors.empty() && Tie(anchors.back(), anchor).second;
         anchors.push_back(anchor);
       }
     }
     return anchors;
   }
 
-  double WrongCost(size_t k) const {
-    return -2 * (std::log(1 - UsedConfidence(*frames_[with_pose_[k]].single)) + log_anywhere_);
+  // The cost of where a pose is if it is wrong: anywhere, or, half of the time, as one of a frame
+  // before is; what repeats in the scene deceives many frames alike.
+  double CostOfWrongPose(const Anchor& pose, size_t place) const {
+    double least = std::numeric_limits<double>::infinity();
+    for (size_t j = candidates_.size(); j-- > 0 && candidates_[j].place + kWindow >= place;) {
+      if (candidates_[j].place == place) continue;
+      least = std::min(least, TiedCost(candidates_[j].anchor, pose));
+    }
+    return std::min(-2 * log_anywhere_, least + 2 * std::log(2));
   }
 
   // The cost of both poses being right, and whether the odometry was lost between them then.
-  std::pair<double, bool> Tie(size_t earlier, size_t later) const {
-    const SinglePose &from = *frames_[earlier].single, &to = *frames_[later].single;
-    const Rigid3 step =
-        OdometryStep(frames_[later].cam_from_odometry, frames_[earlier].cam_from_odometry, scale_);
+  std::pair<double, bool> Tie(const Anchor& earlier, const Anchor& later) const {
+    const double tied = TiedCost(earlier, later);
+    const double ever_lost =
+        1 - std::pow(1 - kLost, static_cast<double>(later.frame - earlier.frame));
+    const double lost = -2 * (std::log(ever_lost) + log_anywhere_);
+    return {std::min(tied, lost), lost < tied};
+  }
+
+  // That where the odometry was not lost.
+  double TiedCost(const Anchor& earlier, const Anchor& later) const {
+    const WalkEvidence &before = frames_[earlier.frame], &after = frames_[later.frame];
+    const SinglePose &from = before.singles[earlier.single], &to = after.singles[later.single];
+    const Rigid3 step = OdometryStep(after.cam_from_odometry, before.cam_from_odometry, scale_);
     const Rigid3 seen = to.cam_from_world * from.cam_from_world.Inverse();
     const Matrix6d adjoint = StepAdjoint(seen);
-    const double way = way_[later] - way_[earlier];
+    const double way = way_[later.frame] - way_[earlier.frame];
     const double turn = noise_.rotation_variance * way;
     // A turn on the way moves what comes after it, and the scale may drift.
     const double shift = noise_.position_variance * way +
@@ -140,18 +165,24 @@ class AnchorSearch {
     Matrix6d covariance = to.covariance + adjoint * from.covariance * adjoint.transpose();
     covariance.diagonal().head<3>().array() += turn;
     covariance.diagonal().tail<3>().array() += shift;
-    const double tied = CostOf(StepBetween(step, seen), covariance);
-    const double ever_lost = 1 - std::pow(1 - kLost, static_cast<double>(later - earlier));
-    const double lost = -2 * (std::log(ever_lost) + log_anywhere_);
-    return {std::min(tied, lost), lost < tied};
+    return CostOf(StepBetween(step, seen), covariance);
   }
+
+  // A pose of a frame's own.
+  struct Candidate {
+    Anchor anchor;
+    size_t place;  // of the frame among those with a pose
+    double right;  // the cost of its being right, but for that where it is wrong
+  };
 
   std::span<const WalkEvidence> frames_;
   double scale_;
   StepNoise noise_;
   std::vector<double> way_;  // up to each frame
   double log_anywhere_ = 0;
-  std::vector<size_t> with_pose_;
+  std::vector<Candidate> candidates_;
+  // The cost of so many first frames with a pose being wrong, but for where their poses are.
+  std::vector<double> all_wrong_ = {0};
 };
 
 }  // namespace
@@ -162,8 +193,16 @@ Rigid3 OdometryStep(const Rigid3& later, const Rigid3& earlier, double scale) {
   return step;
 }
 
-double UsedConfidence(const SinglePose& single) {
-  return std::clamp(single.confidence, 0.02, 1 - 0.1 * kLost);
+std::vector<double> UsedConfidences(const WalkEvidence& frame) {
+  constexpr double kMost = 1 - 0.1 * kLost;
+  std::vector<double> confidences;
+  for (const SinglePose& single : frame.singles) {
+    confidences.push_back(std::clamp(single.confidence, 0.02, kMost));
+  }
+  double all = std::accumulate(confidences.begin(), confidences.end(), 0.0);
+  if (confidences.size() > 1) all += all / static_cast<double>(confidences.size());
+  for (double& confidence : confidences) confidence *= std::min(1.0, kMost / all);
+  return confidences;
 }
 
 StepLength LengthOfStep(const WalkEvidence& before, const WalkEvidence& frame) {
@@ -201,7 +240,9 @@ double ExtentOf(std::span<const WalkEvidence> frames, double scale) {
   Eigen::AlignedBox3d singles, odometry;
   for (const WalkEvidence& frame : frames) {
     odometry.extend(frame.cam_from_odometry.OriginInSource());
-    if (frame.single) singles.extend(frame.single->cam_from_world.OriginInSource());
+    for (const SinglePose& single : frame.singles) {
+      singles.extend(single.cam_from_world.OriginInSource());
+    }
   }
   const double walked = scale * odometry.diagonal().norm();
   const double seen = singles.isEmpty() ? 0 : singles.diagonal().norm();
@@ -215,19 +256,19 @@ std::optional<double> ScaleByPairs(std::span<const WalkEvidence> frames) {
   std::vector<double> logs;
   std::vector<size_t> with_pose;
   for (size_t i = 0; i < frames.size(); ++i) {
-    if (frames[i].single) with_pose.push_back(i);
+    if (!frames[i].singles.empty()) with_pose.push_back(i);
   }
   for (size_t k = 0; k < with_pose.size(); ++k) {
     const WalkEvidence& a = frames[with_pose[k]];
+    const SinglePose& of_a = a.singles.front();
     for (size_t j = k > kWindow ? k - kWindow : 0; j < k; ++j) {
       const WalkEvidence& b = frames[with_pose[j]];
+      const SinglePose& of_b = b.singles.front();
       const double seen =
-          (a.single->cam_from_world.OriginInSource() - b.single->cam_from_world.OriginInSource())
-              .norm();
+          (of_a.cam_from_world.OriginInSource() - of_b.cam_from_world.OriginInSource()).norm();
       const double walked =
           (a.cam_from_odometry.OriginInSource() - b.cam_from_odometry.OriginInSource()).norm();
-      const double variance = a.single->covariance.bottomRightCorner<3, 3>().trace() +
-                              b.single->covariance.bottomRightCorner<3, 3>().trace();
+      const double variance = (of_a.covariance + of_b.covariance).bottomRightCorner<3, 3>().trace();
       if (walked > 0 && seen > kFarApart * std::sqrt(variance)) {
         logs.push_back(std::log(seen / walked));
       }

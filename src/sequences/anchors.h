@@ -23,9 +23,10 @@ struct StepNoise {
 // The probability that the odometry is lost in a step.
 inline constexpr double kLost = 0.01;
 
-// A frame whose own pose is right.
+// A frame of whose own poses one is right.
 struct Anchor {
   size_t frame = 0;
+  size_t single = 0;
   bool lost_before = false;  // the odometry does not tell how it lies to the anchor before
 };
 
@@ -39,9 +40,10 @@ std::vector<double> StepAmounts(std::span<const WalkEvidence> frames);
 // cam_from_cam of the later frame from the earlier one by odometry.
 Rigid3 OdometryStep(const Rigid3& later, const Rigid3& earlier, double scale);
 
-// The confidence that a frame's pose counts with: neither surely wrong nor as sure as that the
-// odometry holds.
-double UsedConfidence(const SinglePose& single);
+// The confidences that a frame's own poses count with: neither surely wrong nor together as sure as
+// that the odometry holds. Where there are several, one more that was not found is as likely as
+// they are on average.
+std::vector<double> UsedConfidences(const WalkEvidence& frame);
 
 // The density of wrong poses, as Mixture has it, where the scene has this size.
 double LogDensityAnywhere(double extent);

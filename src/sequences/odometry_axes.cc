@@ -51,9 +51,9 @@ std::vector<Direction> DirectionsOf(std::span<const WalkEvidence> frames) {
   std::vector<Direction> directions;
   const WalkEvidence* before = nullptr;
   for (const WalkEvidence& frame : frames) {
-    if (!frame.single || !(frame.single->confidence > 0.5)) continue;
+    if (frame.singles.empty() || !(frame.singles.front().confidence > 0.5)) continue;
     if (before != nullptr) {
-      const SinglePose &later = *frame.single, &earlier = *before->single;
+      const SinglePose &later = frame.singles.front(), &earlier = before->singles.front();
       const Step said = StepOf(later.cam_from_world, earlier.cam_from_world);
       const Step read = StepOf(frame.cam_from_odometry, before->cam_from_odometry);
       const Step inverted =

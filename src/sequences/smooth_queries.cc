@@ -32,7 +32,7 @@ namespace {
 std::vector<WalkEvidence> EvidenceOf(std::span<const LocalizedQuery> queries, const Walk& walk) {
   std::vector<WalkEvidence> evidence;
   for (const WalkFrame& frame : walk.frames) {
-    evidence.push_back({frame.cam_from_odometry, SinglePoseOf(queries[frame.query])});
+    evidence.push_back({frame.cam_from_odometry, SinglePosesOf(queries[frame.query])});
   }
   return evidence;
 }
@@ -74,6 +74,11 @@ void ForgetInliers(PoseEstimate& estimate) {
   estimate.refined_camera.reset();
 }
 
+// Whether the walk agrees with the photograph's own pose, not with an alternative of it.
+bool AgreesWithOwn(const SmoothedFrame& frame) {
+  return frame.single_agrees > 0.5 && frame.single == 0;
+}
+
 // How sure the walk's pose of a photograph is.
 PoseEstimate EstimateOf(const SmoothedFrame& frame, const Query& photograph,
                         const SceneDistances& distances, const LocalizedQuery& single) {
@@ -84,6 +89,7 @@ PoseEstimate EstimateOf(const SmoothedFrame& frame, const Query& photograph,
   }
   estimate.failure = FailureReason::kNone;
   estimate.position_observable = true;
+  estimate.alternatives.clear();  // the walk tells them apart
   estimate.cam_from_world = frame.cam_from_world;
   SetCovariance(frame.covariance, estimate);
   const double distance = distances.At(photograph.camera, frame.cam_from_world).value_or(0);
@@ -93,7 +99,7 @@ PoseEstimate EstimateOf(const SmoothedFrame& frame, const Query& photograph,
       std::min(ProbabilityOfPosition(distance > 0 ? estimate.position_sigma : 0, distance),
                ProbabilityOfPosition(turn, 1));
   // What its own matches tell, the walk does not make less sure.
-  if (frame.single_agrees > 0.5) of_position = std::max(of_position, single.confidence());
+  if (AgreesWithOwn(frame)) of_position = std::max(of_position, single.confidence());
   Conclude(frame.confidence, of_position, estimate);
   return estimate;
 }
@@ -264,22 +270,33 @@ static void Members(JsonMembers& members, WalkedQuery& query) {
   members("single_cam_from_world", query.single_cam_from_world);
 }
 
-std::optional<SinglePose> SinglePoseOf(const LocalizedQuery& query) {
+std::vector<SinglePose> SinglePosesOf(const LocalizedQuery& query) {
   const PoseEstimate& estimate = query.estimate;
-  if (!query.localized() || !estimate.covariance) return std::nullopt;
-  const Eigen::LLT<Matrix6d> factored(*estimate.covariance);
-  constexpr double kSingular = 1e-15;
-  if (factored.info() != Eigen::Success || !(factored.rcond() > kSingular)) return std::nullopt;
-  return SinglePose{*estimate.cam_from_world, *estimate.covariance, estimate.confidence};
+  std::vector<SinglePose> singles;
+  if (!query.localized()) return singles;
+  const auto add = [&](const Rigid3& pose, const std::optional<Matrix6d>& covariance,
+                       double probability) {
+    if (!covariance) return;
+    const Eigen::LLT<Matrix6d> factored(*covariance);
+    constexpr double kSingular = 1e-15;
+    if (factored.info() != Eigen::Success || !(factored.rcond() > kSingular)) return;
+    singles.push_back({pose, *covariance, probability});
+  };
+  add(*estimate.cam_from_world, estimate.covariance, estimate.confidence);
+  if (singles.empty()) return singles;
+  for (const AlternativePose& other : estimate.alternatives) {
+    add(other.cam_from_world, other.covariance, other.probability);
+  }
+  return singles;
 }
 
 void TakeFromWalk(const SmoothedFrame& frame, const Query& photograph,
                   const SceneDistances& distances, double min_confidence, WalkedQuery& query) {
   LocalizedQuery& localized = query.localized;
   const bool had_pose = localized.localized();
-  const bool agrees = had_pose && frame.single_agrees > 0.5;
+  const bool agrees = had_pose && AgreesWithOwn(frame);
   // The walk speaks for photographs that told it nothing where it rather is right than wrong.
-  if (!SinglePoseOf(localized) && frame.confidence < 0.5) return;
+  if (SinglePosesOf(localized).empty() && frame.confidence < 0.5) return;
   query.lost_before = frame.lost_before;
   if (had_pose) {
     query.single_cam_from_world = localized.estimate.cam_from_world;

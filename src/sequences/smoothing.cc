@@ -66,8 +66,10 @@ class WalkGraph {
         amounts_(StepAmounts(frames)),
         steps_(frames.size()) {
     for (const WalkEvidence& frame : frames) {
-      singles_.emplace_back(frame.single ? Matrix6d(frame.single->covariance.inverse())
-                                         : Matrix6d(Matrix6d::Identity()));
+      std::vector<Information>& singles = singles_.emplace_back();
+      for (const SinglePose& single : frame.singles) {
+        singles.emplace_back(Matrix6d(single.covariance.inverse()));
+      }
     }
     for (size_t i = 1; i < frames.size(); ++i) {
       steps_[i] = OdometryStep(frames[i].cam_from_odometry, frames[i - 1].cam_from_odometry, 1);
@@ -124,9 +126,10 @@ class WalkGraph {
       frame.cam_from_world = poses_[i];
       frame.covariance = covariance->diagonal[i];
       frame.lost_before = lost_steps_[i] > 0;
-      if (!frames_[i].single) continue;
-      const auto shares = of_singles_[i].At(SingleError(i, poses_[i])).shares;
-      frame.single_agrees = shares[0] + shares[1];
+      if (frames_[i].singles.empty()) continue;
+      const SingleTerm term = SingleAt(i, poses_[i]);
+      frame.single_agrees = term.value.shares[0] + term.value.shares[1];
+      frame.single = term.single;
     }
     return walk;
   }
@@ -145,7 +148,7 @@ class WalkGraph {
     std::vector<Rigid3> poses(frames_.size());
     std::vector<double> way(frames_.size(), HUGE_VAL);
     for (const Anchor& anchor : anchors) {
-      poses[anchor.frame] = frames_[anchor.frame].single->cam_from_world;
+      poses[anchor.frame] = frames_[anchor.frame].singles[anchor.single].cam_from_world;
       way[anchor.frame] = 0;
     }
     for (size_t i = 1; i < poses.size(); ++i) {
@@ -168,24 +171,41 @@ class WalkGraph {
     of_singles_.clear();
     of_steps_.clear();
     for (size_t i = 0; i < frames_.size(); ++i) {
-      of_singles_.push_back(frames_[i].single ? OfSingle(i) : Mixture());
+      of_singles_.push_back(OfSingles(i));
       of_steps_.push_back(i > 0 ? OfStep(i) : Mixture());
     }
   }
 
-  // e of a frame's own pose, and what it may be: right, right but less exact, anywhere.
-  Vector6d SingleError(size_t i, const Rigid3& pose) const {
-    return StepBetween(frames_[i].single->cam_from_world, pose);
+  // What the error of each of a frame's own poses may be: right, right but less exact, anywhere.
+  std::vector<Mixture> OfSingles(size_t i) const {
+    std::vector<Mixture> mixtures;
+    const std::vector<double> confidences = UsedConfidences(frames_[i]);
+    const double wrong = 1 - std::accumulate(confidences.begin(), confidences.end(), 0.0);
+    for (size_t k = 0; k < confidences.size(); ++k) {
+      const Information information = singles_[i][k].Over(single_factor_);
+      Mixture& mixture = mixtures.emplace_back();
+      mixture.Add(confidences[k] * (1 - kBroadShare), information);
+      mixture.Add(confidences[k] * kBroadShare, information.Over(kBroadVariance));
+      mixture.AddAnywhere(wrong, log_anywhere_);
+    }
+    return mixtures;
   }
-  Mixture OfSingle(size_t i) const {
-    const SinglePose& single = *frames_[i].single;
-    const double confidence = UsedConfidence(single);
-    const Information information = singles_[i].Over(single_factor_);
-    Mixture mixture;
-    mixture.Add(confidence * (1 - kBroadShare), information);
-    mixture.Add(confidence * kBroadShare, information.Over(kBroadVariance));
-    mixture.AddAnywhere(1 - confidence, log_anywhere_);
-    return mixture;
+  // The one of a frame's own poses, of which there is one at least, that is the likeliest if it is
+  // at `pose`.
+  struct SingleTerm {
+    size_t single = 0;
+    Vector6d error;
+    Mixture::Value value;
+  };
+  SingleTerm SingleAt(size_t i, const Rigid3& pose) const {
+    SingleTerm best;
+    best.value.cost = HUGE_VAL;
+    for (size_t k = 0; k < frames_[i].singles.size(); ++k) {
+      const Vector6d error = StepBetween(frames_[i].singles[k].cam_from_world, pose);
+      const Mixture::Value value = of_singles_[i][k].At(error);
+      if (k == 0 || value.cost < best.value.cost) best = {k, error, value};
+    }
+    return best;
   }
 
   // e of a step, and what it may be.
@@ -226,7 +246,7 @@ class WalkGraph {
   double Cost(const std::vector<Rigid3>& poses, double log_scale) const {
     double cost = 0;
     for (size_t i = 0; i < poses.size(); ++i) {
-      if (frames_[i].single) cost += of_singles_[i].At(SingleError(i, poses[i])).cost;
+      if (!frames_[i].singles.empty()) cost += SingleAt(i, poses[i]).value.cost;
       if (i > 0) cost += of_steps_[i].At(StepError(i, poses[i - 1], poses[i], log_scale)).cost;
     }
     const double off = (log_scale - prior_log_scale_) / kPriorLogScale;
@@ -236,9 +256,9 @@ class WalkGraph {
   ChainEquations Equations(const std::vector<Rigid3>& poses, double log_scale) const {
     ChainEquations equations(poses.size());
     for (size_t i = 0; i < poses.size(); ++i) {
-      if (frames_[i].single) {
-        const Vector6d error = SingleError(i, poses[i]);
-        equations.Add(i, error, OfMoved(error), of_singles_[i].At(error).information);
+      if (!frames_[i].singles.empty()) {
+        const SingleTerm term = SingleAt(i, poses[i]);
+        equations.Add(i, term.error, OfMoved(term.error), term.value.information);
       }
       if (i == 0) continue;
       const Vector6d error = StepError(i, poses[i - 1], poses[i], log_scale);
@@ -296,7 +316,7 @@ class WalkGraph {
     if (!covariance) return false;
     Variance rotation{}, position{}, single{};
     for (size_t i = 0; i < frames_.size(); ++i) {
-      if (frames_[i].single) CountSingle(i, *covariance, single);
+      if (!frames_[i].singles.empty()) CountSingle(i, *covariance, single);
       if (i > 0 && lost_steps_[i] == 0) CountStep(i, *covariance, rotation, position);
     }
     const StepNoise before =
@@ -313,11 +333,11 @@ class WalkGraph {
   }
 
   void CountSingle(size_t i, const ChainCovariance& covariance, Variance& single) const {
-    const Vector6d error = SingleError(i, poses_[i]);
-    const auto shares = of_singles_[i].At(error).shares;
+    const SingleTerm term = SingleAt(i, poses_[i]);
+    const auto& shares = term.value.shares;
     const double share = shares[0] + shares[1] / kBroadVariance;
-    const Matrix6d& information = singles_[i].matrix;
-    single.squares += share * error.dot(information * error);
+    const Matrix6d& information = singles_[i][term.single].matrix;
+    single.squares += share * term.error.dot(information * term.error);
     single.free += 6 * (shares[0] + shares[1]) -
                    share * (information * covariance.diagonal[i]).trace() / single_factor_;
   }
@@ -342,8 +362,8 @@ class WalkGraph {
   std::span<const WalkEvidence> frames_;
   bool scale_is_known_;
   std::vector<double> amounts_;
-  std::vector<Rigid3> steps_;         // the odometry's, in its units; nothing at 0
-  std::vector<Information> singles_;  // of each frame's own pose
+  std::vector<Rigid3> steps_;                      // the odometry's, in its units; nothing at 0
+  std::vector<std::vector<Information>> singles_;  // of each frame's own poses
   double extent_ = 1;
   double log_anywhere_ = 0;
   double prior_log_scale_ = 0;
@@ -353,7 +373,8 @@ class WalkGraph {
   double single_factor_ = 1;
   std::vector<size_t>
       lost_steps_;  // how many steps the odometry may have been lost in; 0: it was not
-  std::vector<Mixture> of_singles_, of_steps_;
+  std::vector<std::vector<Mixture>> of_singles_;
+  std::vector<Mixture> of_steps_;
   std::vector<Rigid3> poses_;
   double log_scale_ = 0;
 };
@@ -427,6 +448,15 @@ size_t EndOfRun(const std::vector<SmoothedFrame>& smoothed, size_t begin) {
   return end;
 }
 
+// The first of a frame's own poses, with the probability that one of them is right.
+SinglePose AnyOf(const WalkEvidence& frame) {
+  SinglePose any = frame.singles.front();
+  if (frame.singles.size() == 1) return any;
+  const std::vector<double> confidences = UsedConfidences(frame);
+  any.confidence = std::accumulate(confidences.begin(), confidences.end(), 0.0);
+  return any;
+}
+
 // Frames between which the odometry was not lost are right or wrong together. Before the first and
 // after the last one that agrees it may have been lost without a sign of it.
 void Judge(std::span<const WalkEvidence> frames, std::vector<SmoothedFrame>& smoothed) {
@@ -436,13 +466,12 @@ void Judge(std::span<const WalkEvidence> frames, std::vector<SmoothedFrame>& smo
     Witnesses agreeing, differing;
     std::optional<size_t> first, last;
     for (size_t i = begin; i < end; ++i) {
-      if (!frames[i].single) continue;
-      const SinglePose& single = *frames[i].single;
+      if (frames[i].singles.empty()) continue;
       if (!Agrees(smoothed[i])) {
-        differing.Add(single, single.cam_from_world);
+        differing.Add(AnyOf(frames[i]), frames[i].singles.front().cam_from_world);
         continue;
       }
-      agreeing.Add(single, smoothed[i].cam_from_world);
+      agreeing.Add(frames[i].singles[smoothed[i].single], smoothed[i].cam_from_world);
       if (!first) first = i;
       last = i;
     }
@@ -460,7 +489,7 @@ std::optional<double> ContradictingScale(std::span<const WalkEvidence> frames,
   constexpr double kSame = 1.2;
   size_t with_pose = 0, agreeing = 0;
   for (size_t i = 0; i < walk.frames.size(); ++i) {
-    with_pose += frames[i].single ? 1 : 0;
+    with_pose += frames[i].singles.empty() ? 0 : 1;
     agreeing += Agrees(walk.frames[i]) ? 1 : 0;
   }
   if (2 * agreeing >= with_pose) return std::nullopt;

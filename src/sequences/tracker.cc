@@ -30,10 +30,11 @@ SmoothedWalk WalkFilter::Add(const WalkEvidence& frame) {
   Forget();
   if (frames_.size() > 1) return SmoothWalk(frames_, scale_);
   SmoothedWalk walk{.scale_is_observable = scale_ == OdometryScale::kKnown};
-  if (!frame.single || !walk.scale_is_observable) return walk;
-  walk.frames.push_back({.cam_from_world = frame.single->cam_from_world,
-                         .covariance = frame.single->covariance,
-                         .confidence = frame.single->confidence,
+  if (frame.singles.empty() || !walk.scale_is_observable) return walk;
+  const SinglePose& single = frame.singles.front();
+  walk.frames.push_back({.cam_from_world = single.cam_from_world,
+                         .covariance = single.covariance,
+                         .confidence = single.confidence,
                          .single_agrees = 1});
   return walk;
 }
@@ -41,7 +42,7 @@ SmoothedWalk WalkFilter::Add(const WalkEvidence& frame) {
 void WalkFilter::Forget() {
   if (frames_.size() <= kNewest) return;
   const auto leaves_newest = frames_.end() - static_cast<std::ptrdiff_t>(kNewest) - 1;
-  if (!leaves_newest->single) {
+  if (leaves_newest->singles.empty()) {
     const auto next = leaves_newest + 1;
     if (leaves_newest != frames_.begin()) {
       next->since_before = Sum(LengthOfStep(*(leaves_newest - 1), *leaves_newest),
@@ -77,7 +78,7 @@ TrackedPose Track(const WalkedPhotograph& photograph, const SceneDistances& dist
   }
   TrackedPose tracked{{.localized = alone, .time_s = time_s}};
   WalkFilter filter(options.scale, state.frames);
-  const SmoothedWalk walk = filter.Add({cam_from_odometry, SinglePoseOf(alone)});
+  const SmoothedWalk walk = filter.Add({cam_from_odometry, SinglePosesOf(alone)});
   state = {filter.frames(), time_s};
   if (!walk.frames.empty()) {
     TakeFromWalk(walk.frames.back(), query, distances, options.min_confidence, tracked.query);

@@ -2,14 +2,15 @@
 
 #pragma once
 
-#include <optional>
+#include <vector>
 
 #include "raylift/sequences/smooth_queries.h"
 
 namespace raylift {
 
-// A photograph's own pose; nullopt where it has none, or no covariance that has an inverse.
-std::optional<SinglePose> SinglePoseOf(const LocalizedQuery& query);
+// A photograph's own pose and its alternatives, those with a covariance that has an inverse; none
+// where its own has not.
+std::vector<SinglePose> SinglePosesOf(const LocalizedQuery& query);
 
 // The walk's pose takes the place of a photograph's own unless that is surer.
 void TakeFromWalk(const SmoothedFrame& frame, const Query& photograph,

@@ -29,7 +29,7 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little);
 
-constexpr std::string_view kVersion = "rl-walk1";
+constexpr std::string_view kVersion = "rl-walk2";
 constexpr size_t kKeyBytes = 32;
 constexpr size_t kSignatureBytes = 32;
 constexpr const char* kField = "session.token";
@@ -83,7 +83,7 @@ class Bytes {
   }
   void Value(WalkEvidence& frame) {
     Value(frame.cam_from_odometry);
-    Optional(frame.single);
+    List(frame.singles);
     Value(frame.since_before.way);
     Value(frame.since_before.turn_deg);
   }

@@ -63,13 +63,13 @@ inline MadeWalk MakeWalk(Rng& rng, const WalkSettings& settings) {
     }
     const Rigid3 single =
         Moved(walk.truth[i], Noise(rng, settings.single_deg, settings.single_position));
-    walk.frames.push_back({odometry, SinglePose{single, covariance, 0.99}});
+    walk.frames.push_back({odometry, {{single, covariance, 0.99}}});
   }
   return walk;
 }
 
 inline void TakeAway(MadeWalk& walk, size_t begin, size_t end) {
-  for (size_t i = begin; i < end; ++i) walk.frames[i].single.reset();
+  for (size_t i = begin; i < end; ++i) walk.frames[i].singles.clear();
 }
 
 }  // namespace raylift

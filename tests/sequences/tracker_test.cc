@@ -76,11 +76,11 @@ TEST(WalkFilter, KnowsTheWayOfFramesThatItForgets) {
 LocalizedQuery ResultOf(const WalkEvidence& frame, const std::string& name) {
   LocalizedQuery query;
   query.name = name;
-  query.reason = frame.single ? "" : "too few matches";
-  if (!frame.single) return query;
-  query.estimate.cam_from_world = frame.single->cam_from_world;
-  query.estimate.covariance = frame.single->covariance;
-  query.estimate.confidence = frame.single->confidence;
+  query.reason = frame.singles.empty() ? "too few matches" : "";
+  if (frame.singles.empty()) return query;
+  query.estimate.cam_from_world = frame.singles.front().cam_from_world;
+  query.estimate.covariance = frame.singles.front().covariance;
+  query.estimate.confidence = frame.singles.front().confidence;
   query.estimate.verdict = PoseVerdict::kLocalized;
   return query;
 }
@@ -108,7 +108,7 @@ TEST(SmoothQueries, OneWeakPoseOfAWalkDoesNotSpeakForTheOthers) {
   MadeWalk made = MakeWalk(rng, {.frames = 20});
   TakeAway(made, 0, 12);
   TakeAway(made, 13, 20);
-  made.frames[12].single->confidence = 0.08;
+  made.frames[12].singles.front().confidence = 0.08;
   const Inputs inputs = InputsOf(made);
   const WalkedQueries walked =
       SmoothQueries(inputs.alone, inputs.photographs, inputs.walks, SceneDistances(Scene()), {});
@@ -139,7 +139,7 @@ TEST(SmoothQueries, APoseWithoutAUsableCovarianceNeitherSpeaksNorIsDropped) {
     inputs.alone[i].estimate.confidence = 0.04;
     if (i < 4 || i > 6) inputs.alone[i].reason = "too few matches";
   }
-  inputs.alone[6].estimate.covariance = made.frames[6].single->covariance;
+  inputs.alone[6].estimate.covariance = made.frames[6].singles.front().covariance;
   EXPECT_EQ(smooth().queries[4].role, WalkRole::kAlone);
   EXPECT_TRUE(smooth().queries[4].localized.localized());
 
@@ -149,7 +149,7 @@ TEST(SmoothQueries, APoseWithoutAUsableCovarianceNeitherSpeaksNorIsDropped) {
 }
 
 TEST(SmoothQueries, AWalkThatKnowsNoDirectionIsNoSurePose) {
-  const Inputs inputs = InputsOf({.truth = {}, .frames = {{Rigid3(), std::nullopt}}});
+  const Inputs inputs = InputsOf({.truth = {}, .frames = {{.cam_from_odometry = {}}}});
   const auto confidence = [&](double turn_sigma) {
     SmoothedFrame frame;
     frame.confidence = 1;

@@ -19,10 +19,10 @@ ServedWalk MakeServedWalk() {
   constexpr double kExtent = 5;
   ServedWalk walk{.scale = OdometryScale::kUnknown, .state = {.last_time_s = 0.1}};
   for (int i = 0; i < 3; ++i) {
-    WalkEvidence frame{RandomRigid3(rng, kExtent), std::nullopt, {0.5 * i, 0.1}};
-    if (i != 1) {
-      frame.single =
-          SinglePose{RandomRigid3(rng, kExtent), Eigen::Matrix<double, 6, 6>::Random(), 0.25 * i};
+    WalkEvidence frame{RandomRigid3(rng, kExtent), {}, {0.5 * i, 0.1}};
+    for (int k = 0; k < i; ++k) {
+      frame.singles.push_back(
+          {RandomRigid3(rng, kExtent), Eigen::Matrix<double, 6, 6>::Random(), 0.25 * i});
     }
     walk.state.frames.push_back(frame);
   }
@@ -54,11 +54,12 @@ TEST(WalkTokens, HoldAWalkToTheBit) {
     EXPECT_EQ(a.cam_from_odometry.translation, b.cam_from_odometry.translation);
     EXPECT_EQ(a.since_before.way, b.since_before.way);
     EXPECT_EQ(a.since_before.turn_deg, b.since_before.turn_deg);
-    ASSERT_EQ(a.single.has_value(), b.single.has_value());
-    if (!a.single) continue;
-    EXPECT_EQ(a.single->cam_from_world.translation, b.single->cam_from_world.translation);
-    EXPECT_EQ(a.single->covariance, b.single->covariance);
-    EXPECT_EQ(a.single->confidence, b.single->confidence);
+    ASSERT_EQ(a.singles.size(), b.singles.size());
+    for (size_t k = 0; k < a.singles.size(); ++k) {
+      EXPECT_EQ(a.singles[k].cam_from_world.translation, b.singles[k].cam_from_world.translation);
+      EXPECT_EQ(a.singles[k].covariance, b.singles[k].covariance);
+      EXPECT_EQ(a.singles[k].confidence, b.singles[k].confidence);
+    }
   }
 }
 

@@ -6,13 +6,16 @@
 // frames' covariances are too small. With the step e(A, B) that turns pose A into pose B
 // (StepBetween), minimized is
 //
-//   - 2 sum_i log( c_i N(e(Z_i, T_i); f^2 S_i) + (1 - c_i) u )      a frame's own pose Z_i
+//   - 2 sum_i log( max_k c_ik N(e(Z_ik, T_i); f^2 S_ik) + (1 - sum_k c_ik) u )
+//                                                                 a frame's own poses Z_ik
 //   - 2 sum_i log N(e(s O_i O_i-1^-1, T_i T_i-1^-1); V_i)           a step of the odometry's O
 //
-// each N with a broader part, so that a few large errors count little. c_i is the frame's
-// confidence, S_i its covariance, u the density of a wrong pose, which may be anywhere. V_i grows
-// with how much the camera moves and turns in the step. Where frames that agree on both sides show
-// that the odometry was lost in between, it may be anything there.
+// each N with a broader part, so that a few large errors count little. A frame has one pose of its
+// own or several that its matches cannot tell apart (PoseEstimate::alternatives), at most one of
+// which is right: c_ik is the probability of each, S_ik its covariance, u the density of a wrong
+// pose, which may be anywhere. V_i grows with how much the camera moves and turns in the step.
+// Where frames that agree on both sides show that the odometry was lost in between, it may be
+// anything there.
 
 #pragma once
 
@@ -28,7 +31,7 @@
 
 namespace raylift {
 
-// A frame's pose by itself.
+// A frame's pose by itself, or one that its matches are explained by about as well.
 struct SinglePose {
   Rigid3 cam_from_world;
   Eigen::Matrix<double, 6, 6> covariance;  // of the step, as PoseEstimate's
@@ -42,7 +45,7 @@ struct StepLength {
 
 struct WalkEvidence {
   Rigid3 cam_from_odometry;
-  std::optional<SinglePose> single;
+  std::vector<SinglePose> singles = {};  // none without a pose; at most one of them is right
   // How far the camera went and turned since the frame before, at least: where frames between them
   // are left out, that is more than the odometry's poses differ.
   StepLength since_before = {};
@@ -61,7 +64,9 @@ struct SmoothedFrame {
   // The probability that the frames which agree with this one by odometry are not all wrong: those
   // of one place are wrong together, and no more than three count.
   double confidence = 0;
-  double single_agrees = 0;  // the probability that its own pose is right; 0 without one
+  // The probability that a pose of its own is right, and which of them; 0 without one.
+  double single_agrees = 0;
+  size_t single = 0;
   bool lost_before = false;  // between the frame before and this one the odometry was lost
 };
 
