@@ -358,6 +358,35 @@ TEST(Support, PosesThatExplainTheSameKeypointsByOtherMatchesAreTwoAnswers) {
   EXPECT_FALSE(assessor.Compare(first, first));
 }
 
+// Of a place that looks alike, and where no reference sees the other, three times as many references
+// were retrieved: that says nothing. Where these see the place of the others as well, they contradict
+// it, and outvote it.
+TEST(Support, ReferencesOfALookAlikePlaceDoNotOutvoteThose) {
+  Rng rng = TestRng();
+  for (const double distance : {40.0, 0.5}) {
+    CoherentProblem made = MakeCoherentProblem("look-alike", {.wrong = 0.1}, rng);
+    PoseProblem& problem = made.problem;
+    const Rigid3 other_from_world(Eigen::Quaterniond::Identity(), Eigen::Vector3d(distance, 0, 0));
+    for (size_t r = 0; r < problem.references.size(); r += 4) {
+      PosedImage& reference = problem.references[r];
+      reference.cam_from_world = reference.cam_from_world * other_from_world.Inverse();
+    }
+    for (Match2D3D& match : problem.matches_2d3d) {
+      if (problem.matches_2d2d[*match.match_2d2d].reference % 4 == 0) {
+        match.point_in_world = other_from_world * match.point_in_world;
+      }
+    }
+    const PoseEstimate estimate = Estimate(problem);
+    if (distance < 1) {
+      EXPECT_EQ(estimate.verdict, PoseVerdict::kLocalized) << estimate.confidence;
+    } else {
+      EXPECT_NEAR(estimate.confidence, 0.5, 1e-6);
+      ExpectBoth(estimate, made.query_from_world,
+                 made.query_from_world * other_from_world.Inverse());
+    }
+  }
+}
+
 // One reference shows what the query does, but its depths are useless; the others have a handful of
 // matches, all wrong. Whatever distance they suggest is chance's.
 TEST(Support, AChanceMatchOfAnotherReferenceDoesNotTellTheDistance) {

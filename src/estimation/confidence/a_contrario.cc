@@ -9,6 +9,7 @@
 #include "base/statistics.h"
 #include "estimation/confidence/confidence.h"
 #include "estimation/problem/observations.h"
+#include "estimation/problem/repeats.h"
 
 #include "raylift/estimation/pose_estimator.h"
 
@@ -98,7 +99,8 @@ double LogBinomialTail(double trials, double successes, double chance) {
 
 InlierAssessor::InlierAssessor(const PoseProblem& original, const NormalizedProblem& problem,
                                MatchSets sets, double num_poses_tried, int sample_2d3d)
-    : problem_(problem),
+    : original_(original),
+      problem_(problem),
       sets_(sets),
       num_poses_tried_(num_poses_tried),
       sample_2d3d_(sample_2d3d),
@@ -106,16 +108,31 @@ InlierAssessor::InlierAssessor(const PoseProblem& original, const NormalizedProb
   cell_.assign(problem.num_keypoints, 0);
   camera_.assign(problem.num_keypoints, 0);
   pixel_.assign(problem.num_keypoints, Eigen::Vector2d::Zero());
-  const auto place = [&](size_t keypoint, const auto& match) {
+  ray_.assign(problem.num_keypoints, Eigen::Vector3d::UnitZ());
+  const auto place = [&](size_t keypoint, const Eigen::Vector3d& ray, const auto& match) {
+    ray_[keypoint] = ray;
     cell_[keypoint] = QueryImageCell(original, match, kNeighborCellsPerSide);
     camera_[keypoint] = match.camera;
     pixel_[keypoint] = match.query_px;
   };
   for (const NormalizedMatch2D3D& point : problem.matches_2d3d) {
-    place(point.keypoint, original.matches_2d3d[static_cast<size_t>(point.match)]);
+    place(point.keypoint, point.ray, original.matches_2d3d[static_cast<size_t>(point.match)]);
   }
   for (const NormalizedMatch2D2D& pair : problem.matches_2d2d) {
-    place(pair.keypoint, original.matches_2d2d[static_cast<size_t>(pair.match)]);
+    place(pair.keypoint, pair.query_ray, original.matches_2d2d[static_cast<size_t>(pair.match)]);
+  }
+  if (Has2D3D(sets)) {
+    for (const NormalizedMatch2D3D& point : problem.matches_2d3d) {
+      const auto reference = ReferenceOf(original, static_cast<size_t>(point.match));
+      const bool is_one = reference && *reference >= 0 &&
+                          static_cast<size_t>(*reference) < original.references.size();
+      reference_.push_back(is_one ? *reference : -1);
+    }
+  }
+  if (Has2D2D(sets)) {
+    for (const NormalizedMatch2D2D& pair : problem.matches_2d2d) {
+      reference_.push_back(pair.reference);
+    }
   }
 }
 
@@ -160,6 +177,7 @@ InlierEvidence InlierAssessor::Assess(const CamFromLocal& pose) const {
                                    Widening2D2D() * 2 * threshold_2d2d / std::sqrt(area_px2_), 1);
 
   InlierEvidence evidence;
+  evidence.pose = pose;
   if (Has2D3D(sets_)) {
     for (const double squared : residuals.of_2d3d) evidence.inlier.push_back(squared < 1);
   }
@@ -238,9 +256,13 @@ std::optional<ExclusiveInliers> InlierAssessor::Compare(const InlierEvidence& fi
   };
   if (2 * shared > std::min(inliers_of(first), inliers_of(second))) return std::nullopt;
   ExclusiveInliers exclusive;
-  for (const int more : more_of_first) {
-    exclusive.only_first += more > 0 ? 1 : 0;
-    exclusive.only_second += more < 0 ? 1 : 0;
+  if (const auto as_places = CompareAsPlaces(first, second)) {
+    exclusive = *as_places;
+  } else {
+    for (const int more : more_of_first) {
+      exclusive.only_first += more > 0 ? 1 : 0;
+      exclusive.only_second += more < 0 ? 1 : 0;
+    }
   }
   exclusive.left = static_cast<double>(std::count(left.begin(), left.end(), true));
   return exclusive;

@@ -6,6 +6,7 @@
 
 #include "base/rng.h"
 #include "estimation/confidence/confidence.h"
+#include "estimation/problem/repeats.h"
 #include "estimation/ransac/ransac.h"
 #include "estimation/ransac/samplers.h"
 #include "estimation/ransac/scores.h"
@@ -14,14 +15,6 @@
 
 namespace raylift {
 namespace {
-
-// Returns the reference that a 3D point names, or else that of its pair; nullopt where it is of none.
-std::optional<int> ReferenceOf(const PoseProblem& problem, size_t match_2d3d) {
-  const Match2D3D& point = problem.matches_2d3d[match_2d3d];
-  if (point.reference) return point.reference;
-  const std::optional<size_t> pair = PairOf(problem, match_2d3d);
-  return pair ? std::optional(problem.matches_2d2d[*pair].reference) : std::nullopt;
-}
 
 // Returns the matches of the reference that most of them are of; all where none has two samples.
 std::vector<int> OfOneReference(const PoseProblem& problem, const std::vector<int>& matches_2d3d) {

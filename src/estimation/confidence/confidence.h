@@ -71,6 +71,7 @@ double RingPerInlier(int dimensions);
 
 // The evidence of a pose's inliers for it, of the match sets in use.
 struct InlierEvidence {
+  CamFromLocal pose = {};
   int keypoints = 0;         // that have matches
   int inlier_keypoints = 0;  // of which one match is an inlier
   // The logarithm of the expected number of poses that chance supports as well.
@@ -91,7 +92,8 @@ struct InlierEvidence {
 };
 
 // Counts the keypoints that speak for one of two poses: those of which it explains more matches
-// than the other one does.
+// than the other one does. Where they are of two places that look alike, how many references of
+// which place were retrieved says nothing: then all keypoints that each explains in its references.
 struct ExclusiveInliers {
   double only_first = 0, only_second = 0;
   double left = 0;  // that have a match which the first does not explain
@@ -105,7 +107,7 @@ struct ExclusiveInliers {
 // counts as one witness, right with the share that agrees with it.
 double ProbabilityOfLarger(double first, double second);
 
-// Assesses poses of one problem, to which it holds a reference.
+// Assesses poses of one problem, to which it holds references.
 class InlierAssessor {
  public:
   // `sample_2d3d` 2D-3D matches fit the pose by construction.
@@ -137,19 +139,36 @@ class InlierAssessor {
  private:
   // The keypoint of each match of the sets in use, as InlierEvidence::inlier has them.
   size_t KeypointOf(size_t match) const;
+  // Of poses that references of two places speak for, which look alike as wholes (places.cc);
+  // nullopt of others.
+  std::optional<ExclusiveInliers> CompareAsPlaces(const InlierEvidence& first,
+                                                  const InlierEvidence& second) const;
+  // The keypoints of which a match with some of the references is an inlier.
+  std::vector<bool> KeypointsBy(const InlierEvidence& evidence,
+                                const std::vector<bool>& references) const;
+  // Whether a reference sees some of the points that such matches are inliers of.
+  bool SeesPointsOf(const InlierEvidence& evidence, const std::vector<bool>& references,
+                    const PosedImage& by) const;
+  // Whether a place, which is shown by some references and explains some keypoints, explains the
+  // others' parts of the photograph as well, as far as its references show them.
+  bool ExplainsAll(const InlierEvidence& place, const std::vector<bool>& references,
+                   const std::vector<bool>& explained, const std::vector<bool>& others) const;
   // The factor by which uncertain points and references widen the area or the width of an inlier,
   // on average.
   double Widening2D3D(const CamFromLocal& pose) const;
   double Widening2D2D() const;
 
+  const PoseProblem& original_;
   const NormalizedProblem& problem_;
   MatchSets sets_;
   double num_poses_tried_;
   int sample_2d3d_;
   double area_px2_;
-  std::vector<int> cell_;  // of the image, that each keypoint lies in
+  std::vector<int> reference_;  // of each match of the sets in use; -1: of none
+  std::vector<int> cell_;       // of the image, that each keypoint lies in
   std::vector<Eigen::Vector2d> pixel_;
-  std::vector<int> camera_;  // of each keypoint
+  std::vector<Eigen::Vector3d> ray_;  // unit, axes of the query's own camera
+  std::vector<int> camera_;           // of each keypoint
 };
 
 // The probability that the first of two poses is right if one of them is, from the keypoints that

@@ -121,6 +121,13 @@ std::optional<size_t> PairOf(const PoseProblem& problem, size_t match_2d3d) {
   return is_of_it ? std::optional(likely) : std::nullopt;
 }
 
+std::optional<int> ReferenceOf(const PoseProblem& problem, size_t match_2d3d) {
+  const Match2D3D& point = problem.matches_2d3d[match_2d3d];
+  if (point.reference) return point.reference;
+  const std::optional<size_t> pair = PairOf(problem, match_2d3d);
+  return pair ? std::optional(problem.matches_2d2d[*pair].reference) : std::nullopt;
+}
+
 Repeats FindRepeats(const PoseProblem& problem, double within_px, const Vector3d& from) {
   Repeats repeats{NumberQueryKeypoints(problem.matches_2d2d, problem.matches_2d3d), {}, {}};
   const size_t num_points = problem.matches_2d3d.size();
