@@ -74,6 +74,7 @@ void LimitConfidence(const PoseEstimate& found, PoseEstimate& sharper) {
   if (sharper.confidence <= found.confidence) return;
   sharper.confidence = found.confidence;
   sharper.verdict = found.verdict;
+  sharper.alternatives = found.alternatives;
 }
 
 void RequireSize(const Image& photograph, const Camera& camera, const std::string& name) {

@@ -38,18 +38,8 @@ class AnchorSearch {
       : frames_(frames), scale_(scale), noise_(noise), way_(StepAmounts(frames)) {
     for (size_t i = 1; i < way_.size(); ++i) way_[i] += way_[i - 1];
     log_anywhere_ = LogDensityAnywhere(ExtentOf(frames, scale));
-    for (size_t i = 0; i < frames.size(); ++i) {
-      const std::vector<double> confidences = UsedConfidences(frames[i]);
-      if (confidences.empty()) continue;
-      const size_t place = all_wrong_.size() - 1;
-      for (size_t k = 0; k < confidences.size(); ++k) {
-        const Anchor anchor{i, k};
-        const double right = -2 * std::log(confidences[k]) - CostOfWrongPose(anchor, place);
-        candidates_.push_back({anchor, place, right});
-      }
-      const double wrong = 1 - std::accumulate(confidences.begin(), confidences.end(), 0.0);
-      all_wrong_.push_back(all_wrong_.back() - 2 * std::log(wrong));
-    }
+    for (size_t i = 0; i < frames.size(); ++i) AddFrame(i);
+    for (size_t k = 0; k < candidates_.size(); ++k) AddContradictions(k);
   }
 
   // The states are the last anchor so far; frames between two anchors are wrong.
@@ -60,23 +50,29 @@ class AnchorSearch {
       bool lost = false;
     };
     std::vector<State> states;
-    size_t first = 0;  // that the candidate may be tied to
-    for (const Candidate& candidate : candidates_) {
-      State best{all_wrong_[candidate.place] + candidate.right - 2 * log_anywhere_, std::nullopt};
-      while (candidates_[first].place + kWindow < candidate.place) ++first;
-      for (size_t j = first; candidates_[j].place < candidate.place; ++j) {
-        const double wrong_between =
-            all_wrong_[candidate.place] - all_wrong_[candidates_[j].place + 1];
-        const auto [cost, lost] = Tie(candidates_[j].anchor, candidate.anchor);
-        const double total = states[j].cost + wrong_between + candidate.right + cost;
-        if (total < best.cost) best = {total, j, lost};
+    for (size_t k = 0; k < candidates_.size(); ++k) {
+      const Candidate& candidate = candidates_[k];
+      State best{all_wrong_[candidate.place] + candidate.Before(candidate.place) + candidate.right -
+                     2 * log_anywhere_,
+                 std::nullopt};
+      for (size_t j = candidate.first; candidates_[j].place < candidate.place; ++j) {
+        const Candidate& earlier = candidates_[j];
+        const size_t places = candidate.place - earlier.place - 1;
+        const double between = all_wrong_[candidate.place] - all_wrong_[earlier.place + 1] +
+                               earlier.After(places) + candidate.Before(places);
+        const double tied = candidate.tied[j - candidate.first];
+        const double lost = LostCost(earlier.anchor, candidate.anchor);
+        const double total = states[j].cost + between + candidate.right + std::min(tied, lost);
+        if (total < best.cost) best = {total, j, lost < tied};
       }
       states.push_back(best);
     }
     std::optional<size_t> last;
     double least = std::numeric_limits<double>::infinity();
     for (size_t k = 0; k < states.size(); ++k) {
-      const double wrong_after = all_wrong_.back() - all_wrong_[candidates_[k].place + 1];
+      const size_t place = candidates_[k].place;
+      const double wrong_after = all_wrong_.back() - all_wrong_[place + 1] +
+                                 candidates_[k].After(all_wrong_.size() - 2 - place);
       const double total = states[k].cost + wrong_after;
       if (total < least) std::tie(least, last) = std::pair(total, k);
     }
@@ -130,24 +126,78 @@ class AnchorSearch {
     return anchors;
   }
 
-  // The cost of where a pose is if it is wrong: anywhere, or, half of the time, as one of a frame
-  // before is; what repeats in the scene deceives many frames alike.
-  double CostOfWrongPose(const Anchor& pose, size_t place) const {
-    double least = std::numeric_limits<double>::infinity();
-    for (size_t j = candidates_.size(); j-- > 0 && candidates_[j].place + kWindow >= place;) {
-      if (candidates_[j].place == place) continue;
-      least = std::min(least, TiedCost(candidates_[j].anchor, pose));
+  // A pose of a frame's own.
+  struct Candidate {
+    Anchor anchor;
+    size_t place;                   // of the frame among those with a pose
+    size_t first;                   // candidate that it may be tied to
+    std::vector<double> tied = {};  // to that one and those after it of frames before: TiedCost()
+    double wrong = 0;               // CostOfWrongPose()
+    double right = 0;  // the cost of its being right, but for that of where it is if wrong
+    // What it costs more that so many frames before or after it are wrong, as they agree with it.
+    std::vector<double> before = {0}, after = {0};
+
+    double Before(size_t places) const { return before[std::min(places, before.size() - 1)]; }
+    double After(size_t places) const { return after[std::min(places, after.size() - 1)]; }
+  };
+
+  void AddFrame(size_t frame) {
+    const std::vector<double> confidences = UsedConfidences(frames_[frame]);
+    if (confidences.empty()) return;
+    const double wrong = 1 - std::accumulate(confidences.begin(), confidences.end(), 0.0);
+    const size_t place = all_wrong_.size() - 1;
+    size_t first = candidates_.empty() ? 0 : candidates_.back().first;
+    while (first < candidates_.size() && candidates_[first].place + kWindow < place) ++first;
+    const size_t end = candidates_.size();
+    for (size_t k = 0; k < confidences.size(); ++k) {
+      Candidate candidate{{frame, k}, place, first};
+      for (size_t j = first; j < end; ++j) {
+        candidate.tied.push_back(TiedCost(candidates_[j].anchor, candidate.anchor));
+      }
+      candidate.wrong = CostOfWrongPose(candidate, std::log(wrong) - std::log(confidences[k]));
+      candidate.right = -2 * std::log(confidences[k]) - candidate.wrong;
+      candidates_.push_back(std::move(candidate));
     }
-    return std::min(-2 * log_anywhere_, least + 2 * std::log(2));
+    all_wrong_.push_back(all_wrong_.back() - 2 * std::log(wrong));
+  }
+
+  // The cost of where a pose is if it is wrong: of the larger of two densities, that of anywhere and
+  // that of being wrong in the same way as one of a frame before, as what repeats in the scene
+  // deceives many frames. The latter has half of the weight of being wrong or of being right, of
+  // which the odds are given, whichever is less: poses that agree are rather right.
+  double CostOfWrongPose(const Candidate& pose, double log_odds) const {
+    double least = std::numeric_limits<double>::infinity();
+    for (const double tied : pose.tied) least = std::min(least, tied);
+    return std::min(-2 * log_anywhere_, least + 2 * (std::log(2) + std::max(log_odds, 0.0)));
+  }
+
+  // A pose that agrees with a right one is not wrong in the same way as others: it would be there by
+  // chance.
+  void AddContradictions(size_t k) {
+    Candidate& later = candidates_[k];
+    std::vector<double> of_places(later.place - candidates_[later.first].place, 0);
+    for (size_t j = later.first; j < later.first + later.tied.size(); ++j) {
+      Candidate& earlier = candidates_[j];
+      const bool agree = later.tied[j - later.first] < LostCost(earlier.anchor, later.anchor);
+      of_places[later.place - earlier.place - 1] += agree ? -2 * log_anywhere_ - earlier.wrong : 0;
+      const size_t places = later.place - earlier.place;
+      while (earlier.after.size() <= places) earlier.after.push_back(earlier.after.back());
+      if (agree) earlier.after[places] += -2 * log_anywhere_ - later.wrong;
+    }
+    for (const double more : of_places) later.before.push_back(later.before.back() + more);
   }
 
   // The cost of both poses being right, and whether the odometry was lost between them then.
   std::pair<double, bool> Tie(const Anchor& earlier, const Anchor& later) const {
     const double tied = TiedCost(earlier, later);
-    const double ever_lost =
-        1 - std::pow(1 - kLost, static_cast<double>(later.frame - earlier.frame));
-    const double lost = -2 * (std::log(ever_lost) + log_anywhere_);
+    const double lost = LostCost(earlier, later);
     return {std::min(tied, lost), lost < tied};
+  }
+
+  // That where the odometry was lost between them.
+  double LostCost(const Anchor& earlier, const Anchor& later) const {
+    const double ever = 1 - std::pow(1 - kLost, static_cast<double>(later.frame - earlier.frame));
+    return -2 * (std::log(ever) + log_anywhere_);
   }
 
   // That where the odometry was not lost.
@@ -167,13 +217,6 @@ class AnchorSearch {
     covariance.diagonal().tail<3>().array() += shift;
     return CostOf(StepBetween(step, seen), covariance);
   }
-
-  // A pose of a frame's own.
-  struct Candidate {
-    Anchor anchor;
-    size_t place;  // of the frame among those with a pose
-    double right;  // the cost of its being right, but for that where it is wrong
-  };
 
   std::span<const WalkEvidence> frames_;
   double scale_;
@@ -200,7 +243,9 @@ std::vector<double> UsedConfidences(const WalkEvidence& frame) {
     confidences.push_back(std::clamp(single.confidence, 0.02, kMost));
   }
   double all = std::accumulate(confidences.begin(), confidences.end(), 0.0);
-  if (confidences.size() > 1) all += all / static_cast<double>(confidences.size());
+  if (confidences.size() > 1) {
+    all += (all - confidences.front()) / static_cast<double>(confidences.size() - 1);
+  }
   for (double& confidence : confidences) confidence *= std::min(1.0, kMost / all);
   return confidences;
 }

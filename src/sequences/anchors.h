@@ -23,7 +23,7 @@ struct StepNoise {
 // The probability that the odometry is lost in a step.
 inline constexpr double kLost = 0.01;
 
-// A frame of whose own poses one is right.
+// A frame, and which of its own poses is right.
 struct Anchor {
   size_t frame = 0;
   size_t single = 0;
@@ -41,8 +41,8 @@ std::vector<double> StepAmounts(std::span<const WalkEvidence> frames);
 Rigid3 OdometryStep(const Rigid3& later, const Rigid3& earlier, double scale);
 
 // The confidences that a frame's own poses count with: neither surely wrong nor together as sure as
-// that the odometry holds. Where there are several, one more that was not found is as likely as
-// they are on average.
+// that the odometry holds. Where the first has alternatives, one more that was not found is as likely
+// as these are on average.
 std::vector<double> UsedConfidences(const WalkEvidence& frame);
 
 // The density of wrong poses, as Mixture has it, where the scene has this size.

@@ -89,7 +89,6 @@ PoseEstimate EstimateOf(const SmoothedFrame& frame, const Query& photograph,
   }
   estimate.failure = FailureReason::kNone;
   estimate.position_observable = true;
-  estimate.alternatives.clear();  // the walk tells them apart
   estimate.cam_from_world = frame.cam_from_world;
   SetCovariance(frame.covariance, estimate);
   const double distance = distances.At(photograph.camera, frame.cam_from_world).value_or(0);
@@ -285,6 +284,7 @@ std::vector<SinglePose> SinglePosesOf(const LocalizedQuery& query) {
   add(*estimate.cam_from_world, estimate.covariance, estimate.confidence);
   if (singles.empty()) return singles;
   for (const AlternativePose& other : estimate.alternatives) {
+    if (singles.size() == kMostSinglePoses) break;
     add(other.cam_from_world, other.covariance, other.probability);
   }
   return singles;
@@ -312,6 +312,8 @@ void TakeFromWalk(const SmoothedFrame& frame, const Query& photograph,
   query.role =
       !had_pose ? WalkRole::kRescued : (agrees ? WalkRole::kSmoothed : WalkRole::kReplaced);
   if (!agrees) ForgetInliers(estimate);
+  // Those of a pose that the walk makes sure, or of another pose, are none.
+  if (!agrees || estimate.verdict == PoseVerdict::kLocalized) estimate.alternatives.clear();
   localized.TakeEstimate(std::move(estimate));
   localized.reason = ReasonNotLocalized(localized.estimate, min_confidence);
 }

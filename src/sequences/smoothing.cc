@@ -448,13 +448,17 @@ size_t EndOfRun(const std::vector<SmoothedFrame>& smoothed, size_t begin) {
   return end;
 }
 
-// The first of a frame's own poses, with the probability that one of them is right.
-SinglePose AnyOf(const WalkEvidence& frame) {
-  SinglePose any = frame.singles.front();
-  if (frame.singles.size() == 1) return any;
+// What a frame says by all of its own poses but one: the first of these, with the probability that
+// one of them is right; nullopt where there is none.
+std::optional<SinglePose> OthersOf(const WalkEvidence& frame, std::optional<size_t> but = {}) {
   const std::vector<double> confidences = UsedConfidences(frame);
-  any.confidence = std::accumulate(confidences.begin(), confidences.end(), 0.0);
-  return any;
+  std::optional<SinglePose> others;
+  for (size_t k = 0; k < confidences.size(); ++k) {
+    if (k == but) continue;
+    if (!others) others = SinglePose{frame.singles[k].cam_from_world, frame.singles[k].covariance};
+    others->confidence += confidences[k];
+  }
+  return others;
 }
 
 // Frames between which the odometry was not lost are right or wrong together. Before the first and
@@ -467,11 +471,13 @@ void Judge(std::span<const WalkEvidence> frames, std::vector<SmoothedFrame>& smo
     std::optional<size_t> first, last;
     for (size_t i = begin; i < end; ++i) {
       if (frames[i].singles.empty()) continue;
-      if (!Agrees(smoothed[i])) {
-        differing.Add(AnyOf(frames[i]), frames[i].singles.front().cam_from_world);
-        continue;
+      const std::optional<size_t> agrees =
+          Agrees(smoothed[i]) ? std::optional(smoothed[i].single) : std::nullopt;
+      if (const auto others = OthersOf(frames[i], agrees)) {
+        differing.Add(*others, others->cam_from_world);
       }
-      agreeing.Add(frames[i].singles[smoothed[i].single], smoothed[i].cam_from_world);
+      if (!agrees) continue;
+      agreeing.Add(frames[i].singles[*agrees], smoothed[i].cam_from_world);
       if (!first) first = i;
       last = i;
     }

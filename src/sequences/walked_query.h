@@ -8,6 +8,9 @@
 
 namespace raylift {
 
+// So many poses of a photograph count, the likeliest; what is kept of a walk grows with them.
+inline constexpr size_t kMostSinglePoses = 4;
+
 // A photograph's own pose and its alternatives, those with a covariance that has an inverse; none
 // where its own has not.
 std::vector<SinglePose> SinglePosesOf(const LocalizedQuery& query);

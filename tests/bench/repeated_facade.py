@@ -2,7 +2,7 @@
 
 repeated_facade.py RAYLIFT OUT SEED...: of each seed a facade of 14 panels of 4 m, all equal but for --unique of
 them, with references each 2 m and a walk of 60 photographs, alone and with their odometry (1 % of drift). A pose
-is wrong that is 20 cm off.
+is wrong that is half a panel off.
 """
 
 import argparse
@@ -113,7 +113,7 @@ def counts(truth, result):
         if query["status"] != "ok":
             continue
         pose = query["cam_from_world"]
-        is_wrong = np.linalg.norm(center(pose["qvec"], pose["tvec"]) - truth[query["name"]]) > 0.2
+        is_wrong = np.linalg.norm(center(pose["qvec"], pose["tvec"]) - truth[query["name"]]) > WIDTH / 2
         is_sure = query["verdict"] == "localized"
         poses, wrong, localized = poses + 1, wrong + is_wrong, localized + is_sure
         wrong_localized += is_wrong and is_sure
@@ -127,6 +127,7 @@ def main():
     parser.add_argument("seeds", type=int, nargs="+")
     parser.add_argument("--unique", default="2,11", help="panels, from 0")
     given = parser.parse_args()
+    raylift = Path(given.raylift).resolve()
     unique = {int(x) for x in given.unique.split(",") if x}
     print("| seed | photographs | poses | wrong | localized | of them wrong |\n|---|---|---|---|---|---|")
     for seed in given.seeds:
@@ -137,7 +138,7 @@ def main():
         truth = write_views(folder, rng)
 
         def run(*arguments):
-            subprocess.run([given.raylift, *arguments], check=True, cwd=folder, capture_output=True)
+            subprocess.run([raylift, *arguments], check=True, cwd=folder, capture_output=True)
 
         geometry = ("--geometry", "mesh:scene.obj")
         for views in ("refs", "walk"):

@@ -151,6 +151,28 @@ TEST(SmoothWalk, WhatRepeatsDeceivesManyFramesAlike) {
   }
 }
 
+// Weak poses that agree are right together, and show where the odometry was lost, whatever a single
+// one that is somewhat surer says.
+TEST(SmoothWalk, WeakPosesThatAgreeAreRight) {
+  Rng rng = TestRng();
+  for (const bool is_lost : {false, true}) {
+    MadeWalk made = MakeWalk(rng, {});
+    for (WalkEvidence& frame : made.frames) frame.singles.front().confidence = 0.3;
+    made.frames[5].singles.front() = {RandomRigid3(rng, 10),
+                                      made.frames[5].singles.front().covariance, 0.32};
+    const Rigid3 jump{Eigen::Quaterniond::Identity(), Vector3d(1, 0, 0)};
+    for (size_t i = 30; is_lost && i < 60; ++i) {
+      made.frames[i].cam_from_odometry = made.frames[i].cam_from_odometry * jump;
+    }
+    const SmoothedWalk walk = SmoothWalk(made.frames, OdometryScale::kKnown);
+    ASSERT_EQ(walk.frames.size(), made.frames.size());
+    for (size_t i = 0; i < 60; ++i) {
+      EXPECT_LT(made.Error(walk, i), 0.1) << i;
+      EXPECT_EQ(walk.frames[i].lost_before, is_lost && i == 30) << i;
+    }
+  }
+}
+
 TEST(SmoothWalk, FindsAnUnknownScale) {
   Rng rng = TestRng();
   MadeWalk made = MakeWalk(rng, {.scale = 0.013, .origin = {4.6e5, 5.4e6, 300}});

@@ -64,7 +64,7 @@ struct SmoothedFrame {
   // The probability that the frames which agree with this one by odometry are not all wrong: those
   // of one place are wrong together, and no more than three count.
   double confidence = 0;
-  // The probability that a pose of its own is right, and which of them; 0 without one.
+  // The probability that a pose of its own is right, 0 without one; and which of them.
   double single_agrees = 0;
   size_t single = 0;
   bool lost_before = false;  // between the frame before and this one the odometry was lost

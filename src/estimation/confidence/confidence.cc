@@ -59,7 +59,7 @@ void Keep(const InlierAssessor& assessor, Rival rival, std::vector<Rival>& rival
   }
 }
 
-// Either the pose or one of its rivals is right, where that is not chance's (`confidence`).
+// Either the pose or one of its rivals is right with the probability `confidence`.
 std::vector<AlternativePose> AlternativesOf(const NormalizedProblem& normalized,
                                             std::vector<Rival> rivals, double confidence) {
   std::stable_sort(rivals.begin(), rivals.end(),

@@ -146,11 +146,12 @@ class InlierAssessor {
   // The keypoints of which a match with some of the references is an inlier.
   std::vector<bool> KeypointsBy(const InlierEvidence& evidence,
                                 const std::vector<bool>& references) const;
-  // Whether a reference sees some of the points that such matches are inliers of.
+  // Whether a reference sees a fourth of the points that such matches are inliers of, or there is no
+  // such point.
   bool SeesPointsOf(const InlierEvidence& evidence, const std::vector<bool>& references,
                     const PosedImage& by) const;
   // Whether a place, which is shown by some references and explains some keypoints, explains the
-  // others' parts of the photograph as well, as far as its references show them.
+  // parts of the photograph in which `others` are as well, as far as its references show them.
   bool ExplainsAll(const InlierEvidence& place, const std::vector<bool>& references,
                    const std::vector<bool>& explained, const std::vector<bool>& others) const;
   // The factor by which uncertain points and references widen the area or the width of an inlier,

@@ -1,5 +1,6 @@
-// Two places that look alike: each explains the photograph as far as its references show it, and
-// neither sees the other. How many references of which one were retrieved says nothing then.
+// Two places that look alike: the alternative explains the photograph as far as its references show
+// it, and the best of them does not see what the pose explains. How many references of which place
+// were retrieved says nothing then. Not for rigs.
 
 #include <algorithm>
 #include <cmath>
@@ -16,6 +17,7 @@ namespace {
 // The photograph is divided so that a part by chance has no inlier in one case of twenty.
 constexpr double kEmptyByChance = 0.05;
 constexpr int kMostPartsPerSide = 16;
+constexpr int kFewestParts = 4;
 
 // Which part of its photograph a keypoint is in, of `side` x `side`.
 size_t PartOf(const Camera& camera, const Eigen::Vector2d& pixel, int side) {
@@ -70,14 +72,13 @@ bool InlierAssessor::ExplainsAll(const InlierEvidence& place, const std::vector<
   };
   std::vector<size_t> shown;
   for (size_t k = 0; k < others.size(); ++k) {
-    if (others[k] && camera_[k] == 0 && is_shown(k)) shown.push_back(k);
+    if (others[k] && is_shown(k)) shown.push_back(k);
   }
   const auto number = static_cast<double>(shown.size());
   const auto both = static_cast<double>(
       std::count_if(shown.begin(), shown.end(), [&](size_t k) { return explained[k]; }));
-  if (both == number) return true;
   if (both == 0) return false;
-  const double enough = std::log(kEmptyByChance) / std::log1p(-both / number);
+  const double enough = std::max(1.0, std::log(kEmptyByChance) / std::log1p(-both / number));
   const int side = std::clamp(static_cast<int>(std::sqrt(number / enough)), 1, kMostPartsPerSide);
   std::vector<int> keypoints(static_cast<size_t>(side * side), 0), of_both = keypoints;
   for (const size_t k : shown) {
@@ -91,12 +92,12 @@ bool InlierAssessor::ExplainsAll(const InlierEvidence& place, const std::vector<
     ++parts;
     empty += of_both[part] == 0 ? 1 : 0;
   }
-  return empty <= kOnePlace * parts;
+  return parts >= kFewestParts && empty <= kOnePlace * parts;
 }
 
 std::optional<ExclusiveInliers> InlierAssessor::CompareAsPlaces(
     const InlierEvidence& first, const InlierEvidence& second) const {
-  if (!Has2D3D(sets_)) return std::nullopt;
+  if (!Has2D3D(sets_) || !original_.other_cameras.empty()) return std::nullopt;
   std::vector<int> more_of_first(original_.references.size(), 0);
   for (size_t i = 0; i < reference_.size(); ++i) {
     if (reference_[i] < 0) continue;

@@ -276,6 +276,18 @@ void DoubtByPosition(const PoseProblem& problem, MatchSets scored, const Estimat
            ProbabilityOfPosition(estimate.position_sigma / local.scale, distance), estimate);
 }
 
+// Adds what a pose may err by for the lens, nullopt where that is not known, to alternatives that take
+// the lens for granted.
+void DoubtByLens(const std::optional<Matrix6d>& covariance_by_lens, PoseEstimate& estimate) {
+  for (AlternativePose& other : estimate.alternatives) {
+    if (other.covariance && covariance_by_lens) {
+      *other.covariance += *covariance_by_lens;
+    } else {
+      other.covariance.reset();
+    }
+  }
+}
+
 int NumInliers(const PoseEstimate& estimate) {
   return estimate.score_2d3d.num_inliers + estimate.score_2d2d.num_inliers;
 }
@@ -355,6 +367,7 @@ PoseEstimate EstimateWithFocal(const RansacEstimator& estimator, const PoseProbl
   second.refined_camera = refined.camera;
   if (!second.cam_from_world || NumInliers(second) < kKeptGain * NumInliers(*first)) {
     DropCovariance(*first);  // it takes the camera for granted
+    DoubtByLens(std::nullopt, *first);
     changed.query_camera = camera;
     DoubtByPosition(changed, estimator.scored(), options, *first);
     return *first;
@@ -364,6 +377,7 @@ PoseEstimate EstimateWithFocal(const RansacEstimator& estimator, const PoseProbl
   } else {
     DropCovariance(second);
   }
+  DoubtByLens(refined.covariance_by_lens, second);
   DoubtByPosition(changed, estimator.scored(), options, second);
   return second;
 }

@@ -70,8 +70,8 @@ class RansacEstimator final : public PoseEstimator {
   void Describe(const PoseProblem& problem, const NormalizedProblem& seen,
                 const RefinedPose& final_pose, double num_poses_tried,
                 const std::vector<CamFromLocal>& alternatives, PoseEstimate& estimate) const;
-  // Refines the estimate's alternatives, and drops those that are no others then, or whose place
-  // their matches hardly tell.
+  // Refines the estimate's alternatives, and drops those that become one of the others, or whose
+  // position the matches hardly determine.
   void RefineAlternatives(const NormalizedProblem& problem,
                           const std::optional<KeypointEvidence>& evidence,
                           const PoseScore& pose_score, PoseEstimate& estimate) const;

@@ -9,6 +9,7 @@
 #include "estimation/refinement/refinement.h"
 #include "estimation/refinement/single_set.h"
 
+#include "raylift/geometry/residuals.h"
 #include "raylift/scene/pose_problem.h"
 
 namespace raylift {
@@ -33,6 +34,15 @@ MatchNoise Describe(const JointNoise& noise, bool references_disagree, double sc
 
 // Alternatives less likely than that are none.
 constexpr double kLeastAlternative = 0.01;
+
+// Whether poses differ by no more than they may err, in 99.9 % of cases; without a covariance by
+// nothing.
+bool AreOne(const AlternativePose& a, const AlternativePose& b) {
+  constexpr double kWithin = 22.5;
+  const Eigen::Matrix<double, 6, 1> step = StepBetween(a.cam_from_world, b.cam_from_world);
+  if (!a.covariance || !b.covariance) return step.norm() < 1e-6;
+  return step.dot((*a.covariance + *b.covariance).ldlt().solve(step)) < kWithin;
+}
 
 // Returns the covariance of a step in local units in those of the scene.
 Matrix6d ToWorldUnits(const NormalizedProblem& problem, const Matrix6d& covariance) {
@@ -339,6 +349,7 @@ PoseEstimate RansacEstimator::RefineFrom(const PoseProblem& problem,
   const std::optional<NormalizedProblem> refocused = Refocused(normalized, refined);
   Describe(problem, refocused ? *refocused : normalized, refined, 1, {}, estimate);
   RejectUnsupported(E5p1Sampler(normalized).PositionObservable(), estimate);
+  RefineAlternatives(normalized, evidence, pose_score, estimate);
   return estimate;
 }
 
@@ -360,29 +371,36 @@ void RansacEstimator::RefineAlternatives(const NormalizedProblem& problem,
                                          PoseEstimate& estimate) const {
   const std::vector<AlternativePose> found = std::exchange(estimate.alternatives, {});
   if (!estimate.cam_from_world || !estimate.position_observable) return;
-  std::vector<CamFromLocal> taken = {problem.ToLocal(*estimate.cam_from_world)};
+  std::vector<AlternativePose> taken = {{*estimate.cam_from_world, 1, estimate.covariance}};
   for (AlternativePose alternative : found) {
     const RansacReport report =
         ReportOf(problem, pose_score, alternative.cam_from_world, estimate.solver);
     PoseEstimate of_alternative;
     of_alternative.ransac_value = report.best_value;
     const RefinedPose refined = Refine(problem, evidence, pose_score, report, of_alternative);
-    const bool is_other = std::all_of(taken.begin(), taken.end(), [&](const CamFromLocal& other) {
-      return AreApart(other, refined.pose);
-    });
     alternative.cam_from_world = problem.ToWorld(refined.pose);
-    if (!is_other || !alternative.cam_from_world.IsFinite()) continue;
     if (refined.covariance && refined.covariance->allFinite()) {
       alternative.covariance = ToWorldUnits(problem, *refined.covariance);
     }
     const double position_sigma =
-        refined.covariance ? std::sqrt(refined.covariance->bottomRightCorner<3, 3>().trace()) : 0;
+        alternative.covariance ? std::sqrt(refined.covariance->bottomRightCorner<3, 3>().trace())
+                               : 0;
     alternative.probability *=
         ProbabilityOfPosition(position_sigma, SceneDistance(problem, refined.pose, method_.scored));
-    if (!(alternative.probability > kLeastAlternative)) continue;
-    taken.push_back(refined.pose);
-    estimate.alternatives.push_back(alternative);
+    const bool is_other =
+        std::none_of(taken.begin(), taken.end(),
+                     [&](const AlternativePose& other) { return AreOne(other, alternative); });
+    if (!is_other || !alternative.cam_from_world.IsFinite() ||
+        !(alternative.probability > kLeastAlternative)) {
+      continue;
+    }
+    taken.push_back(alternative);
   }
+  std::stable_sort(taken.begin() + 1, taken.end(),
+                   [](const AlternativePose& a, const AlternativePose& b) {
+                     return a.probability > b.probability;
+                   });
+  estimate.alternatives.assign(taken.begin() + 1, taken.end());
 }
 
 MatchSets RansacEstimator::RefinedSets(Solver solver) const {

@@ -35,10 +35,6 @@ struct RansacResult {
   MatchSets optimized_sets;
 };
 
-// Whether poses are so far apart that they are different answers: in rotation by .01 radians, or in
-// place by .1 local units.
-bool AreApart(const CamFromLocal& a, const CamFromLocal& b);
-
 struct RansacReport {
   std::optional<RansacResult> best;
   double best_value = 0;  // PoseScore::Value()

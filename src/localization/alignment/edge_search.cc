@@ -469,10 +469,10 @@ std::vector<AlternativePose> AlternativesOf(const FoundByEdges& found) {
   const double right = ConfidenceOf(found);
   std::vector<AlternativePose> alternatives;
   for (size_t i = 1; i < found.modes.size(); ++i) {
-    const double chance = ChanceOfOther(found.modes, i);
+    // What is less likely beforehand is no likelier than the best.
+    const double chance = std::min(ChanceOfOther(found.modes, i), 0.5);
     if (!(chance > 1 - kLocalizedConfidence)) continue;
-    const EdgeFit& fit = found.modes[i].fit;
-    alternatives.push_back({fit.cam_from_world, right * chance / (1 - chance), fit.covariance});
+    alternatives.push_back({found.modes[i].fit.cam_from_world, right * chance / (1 - chance)});
   }
   std::stable_sort(alternatives.begin(), alternatives.end(),
                    [](const AlternativePose& a, const AlternativePose& b) {

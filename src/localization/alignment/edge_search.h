@@ -42,7 +42,7 @@ FoundByEdges SearchByEdges(const std::shared_ptr<const RayCaster>& mesh, const I
 double ConfidenceOf(const FoundByEdges& found);
 
 // The other modes that lower it below that of a localized pose, each with the probability that it
-// and no other is right, the likeliest first.
+// and no other is right, the likeliest first. Their covariances are not known.
 std::vector<AlternativePose> AlternativesOf(const FoundByEdges& found);
 
 }  // namespace raylift
