@@ -8,6 +8,7 @@
 #include <optional>
 #include <utility>
 
+#include "base/statistics.h"
 #include <Eigen/Cholesky>
 
 #include "raylift/geometry/residuals.h"
@@ -38,6 +39,7 @@ class AnchorSearch {
       : frames_(frames), scale_(scale), noise_(noise), way_(StepAmounts(frames)) {
     for (size_t i = 1; i < way_.size(); ++i) way_[i] += way_[i - 1];
     log_anywhere_ = LogDensityAnywhere(ExtentOf(frames, scale));
+    LimitVariance();
     for (size_t i = 0; i < frames.size(); ++i) AddFrame(i);
     for (size_t k = 0; k < candidates_.size(); ++k) AddContradictions(k);
   }
@@ -141,15 +143,35 @@ class AnchorSearch {
     double After(size_t places) const { return after[std::min(places, after.size() - 1)]; }
   };
 
+  // A pose that tells its place much worse than the others, and than odometry over the window, would
+  // only let those before and after it forget each other.
+  void LimitVariance() {
+    constexpr double kTimesMedian = 10;
+    std::vector<double> variances;
+    for (const WalkEvidence& frame : frames_) {
+      for (const SinglePose& single : frame.singles) variances.push_back(VarianceOf(single));
+    }
+    most_variance_ = std::max(3 * kWindow * noise_.position_variance,
+                              kTimesMedian * UpperMedianOr(std::move(variances), 0));
+  }
+  static double VarianceOf(const SinglePose& single) {
+    return single.covariance.bottomRightCorner<3, 3>().trace();
+  }
+
   void AddFrame(size_t frame) {
+    const std::vector<SinglePose>& singles = frames_[frame].singles;
     const std::vector<double> confidences = UsedConfidences(frames_[frame]);
-    if (confidences.empty()) return;
+    const auto tells = [&](const SinglePose& single) {
+      return VarianceOf(single) <= most_variance_;
+    };
+    if (std::none_of(singles.begin(), singles.end(), tells)) return;
     const double wrong = 1 - std::accumulate(confidences.begin(), confidences.end(), 0.0);
     const size_t place = all_wrong_.size() - 1;
     size_t first = candidates_.empty() ? 0 : candidates_.back().first;
     while (first < candidates_.size() && candidates_[first].place + kWindow < place) ++first;
     const size_t end = candidates_.size();
     for (size_t k = 0; k < confidences.size(); ++k) {
+      if (!tells(singles[k])) continue;
       Candidate candidate{{frame, k}, place, first};
       for (size_t j = first; j < end; ++j) {
         candidate.tied.push_back(TiedCost(candidates_[j].anchor, candidate.anchor));
@@ -221,7 +243,8 @@ class AnchorSearch {
   std::span<const WalkEvidence> frames_;
   double scale_;
   StepNoise noise_;
-  std::vector<double> way_;  // up to each frame
+  std::vector<double> way_;   // up to each frame
+  double most_variance_ = 0;  // of the position of a pose that tells it
   double log_anywhere_ = 0;
   std::vector<Candidate> candidates_;
   // The cost of so many first frames with a pose being wrong, but for where their poses are.

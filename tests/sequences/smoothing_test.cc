@@ -173,6 +173,23 @@ TEST(SmoothWalk, WeakPosesThatAgreeAreRight) {
   }
 }
 
+// The odometry is lost where a frame hardly knows where it is: that frame does not hide it.
+TEST(SmoothWalk, APoseOfNoPlaceHidesNoLoss) {
+  Rng rng = TestRng();
+  MadeWalk made = MakeWalk(rng, {});
+  SinglePose& vague = made.frames[29].singles.front();
+  vague.cam_from_world.translation += Vector3d(200, 0, 0);
+  vague.covariance.bottomRightCorner<3, 3>().diagonal().setConstant(1e5);
+  const Rigid3 jump{Eigen::Quaterniond::Identity(), Vector3d(4, 0, 0)};
+  for (size_t i = 29; i < 60; ++i) {
+    made.frames[i].cam_from_odometry = made.frames[i].cam_from_odometry * jump;
+  }
+  const SmoothedWalk walk = SmoothWalk(made.frames, OdometryScale::kKnown);
+  ASSERT_EQ(walk.frames.size(), made.frames.size());
+  EXPECT_TRUE(walk.frames[29].lost_before || walk.frames[30].lost_before);
+  EXPECT_LT(walk.step_sigma, 0.05);
+}
+
 TEST(SmoothWalk, FindsAnUnknownScale) {
   Rng rng = TestRng();
   MadeWalk made = MakeWalk(rng, {.scale = 0.013, .origin = {4.6e5, 5.4e6, 300}});
