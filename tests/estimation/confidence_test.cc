@@ -380,9 +380,15 @@ TEST(Support, ReferencesOfALookAlikePlaceDoNotOutvoteThose) {
     if (distance < 1) {
       EXPECT_EQ(estimate.verdict, PoseVerdict::kLocalized) << estimate.confidence;
     } else {
+      const Rigid3 in_other = made.query_from_world * other_from_world.Inverse();
       EXPECT_NEAR(estimate.confidence, 0.5, 1e-6);
-      ExpectBoth(estimate, made.query_from_world,
-                 made.query_from_world * other_from_world.Inverse());
+      ExpectBoth(estimate, made.query_from_world, in_other);
+      problem.priors.position = {.position = in_other.OriginInSource() + Eigen::Vector3d(3, 0, 0),
+                                 .sigma = Eigen::Vector3d::Constant(4)};
+      const PoseEstimate by_prior = Estimate(problem);
+      EXPECT_EQ(by_prior.verdict, PoseVerdict::kLocalized) << by_prior.confidence;
+      ASSERT_TRUE(by_prior.cam_from_world);
+      EXPECT_TRUE(IsNear(*by_prior.cam_from_world, in_other));
     }
   }
 }

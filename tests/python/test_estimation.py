@@ -67,6 +67,22 @@ def test_result() -> None:
     assert "localized" in repr(estimate)
 
 
+def test_what_the_scene_holds_twice_has_an_alternative() -> None:
+    problem = Problem(wrong=0)
+    shift = np.array([3, 0.5, 0])
+    of_most = np.arange(len(problem.points3d)) % 4 != 0
+    estimate = raylift.estimate_pose(CAMERA, problem.points2d, problem.points3d + shift * of_most[:, None])
+    assert estimate.verdict == "doubtful"
+    assert raylift.estimate_pose(CAMERA, problem.points2d, problem.points3d).alternatives == []
+    alternative, = estimate.alternatives
+    assert 0.4 < alternative["probability"] <= 1 - estimate.confidence
+    assert some(alternative["covariance"]).shape == (6, 6)
+    between = some(estimate.cam_from_world).center - alternative["cam_from_world"].center
+    assert np.allclose(abs(between), abs(shift), atol=0.1)
+    copied = pickle.loads(pickle.dumps(estimate))
+    assert copied == estimate and len(copied.alternatives) == 1
+
+
 def test_names_of_pycolmap_and_poselib() -> None:
     problem = Problem(wrong=0)
     mine = raylift.estimate_pose(CAMERA, problem.points2d, problem.points3d)

@@ -243,8 +243,8 @@ PoseEstimate RansacEstimator::EstimateWithCamera(const PoseProblem& problem,
   }
   estimate.solver = report.best->solver;
   estimate.ransac_value = report.best_value;
-  const RefinedPose refined = Refine(normalized, evidence, pose_score, report, estimate);
-  const std::vector<CamFromLocal> others = OtherPoses(report);
+  RefinedPose refined = Refine(normalized, evidence, pose_score, report, estimate);
+  std::vector<CamFromLocal> others = OtherPoses(report);
   const auto conclude = [&](const RefinedPose& final_pose) {
     const double num_samples =
         std::min<double>(report.iterations, samplers.Of(estimate.solver).NumSamples());
@@ -253,6 +253,24 @@ PoseEstimate RansacEstimator::EstimateWithCamera(const PoseProblem& problem,
              2.0 * num_samples * static_cast<double>(samplers.solvers().size()), others, estimate);
   };
   conclude(refined);
+  // How many references of which place were retrieved decides between places that look alike; where
+  // priors speak for the other one, that is the likelier.
+  if (!estimate.alternatives.empty()) {
+    const AlternativePose other = estimate.alternatives.front();
+    const bool is_of_priors =
+        normalized.priors.LogEvidence(normalized.ToLocal(other.cam_from_world)) >
+        normalized.priors.LogEvidence(refined.pose);
+    if (is_of_priors && other.probability > estimate.confidence) {
+      others.push_back(refined.pose);
+      const RansacReport of_other =
+          ReportOf(normalized, pose_score, other.cam_from_world, estimate.solver);
+      estimate.ransac_value = of_other.best_value;
+      estimate.noise.reset();
+      DropCovariance(estimate);
+      refined = Refine(normalized, evidence, pose_score, of_other, estimate);
+      conclude(refined);
+    }
+  }
   // A pose between references that err as wholes may fit none of them; RANSAC's fits one at least.
   if (refined.references_disagree && estimate.confidence < kLeastConfidence) {
     estimate.noise.reset();
