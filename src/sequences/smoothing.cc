@@ -199,7 +199,6 @@ class WalkGraph {
   };
   SingleTerm SingleAt(size_t i, const Rigid3& pose) const {
     SingleTerm best;
-    best.value.cost = HUGE_VAL;
     for (size_t k = 0; k < frames_[i].singles.size(); ++k) {
       const Vector6d error = StepBetween(frames_[i].singles[k].cam_from_world, pose);
       const Mixture::Value value = of_singles_[i][k].At(error);

@@ -325,6 +325,18 @@ TEST(ProbabilityOverAlternative, DoesNotTakeTheLargerOfTwoPlacesForTheRightOne) 
   EXPECT_DOUBLE_EQ(ProbabilityOverAlternative({120, 180}, 1, true), 0.5);
 }
 
+// One of so many references, and its points, are of another place that looks the same.
+void MoveEachOf(int references, const Rigid3& other_from_world, PoseProblem& problem) {
+  for (size_t r = 0; r < problem.references.size(); r += static_cast<size_t>(references)) {
+    PosedImage& reference = problem.references[r];
+    reference.cam_from_world = reference.cam_from_world * other_from_world.Inverse();
+  }
+  for (Match2D3D& match : problem.matches_2d3d) {
+    if (problem.matches_2d2d[*match.match_2d2d].reference % references != 0) continue;
+    match.point_in_world = other_from_world * match.point_in_world;
+  }
+}
+
 // Half of the references are of another place that looks the same: each keypoint is explained by
 // either pose, but by other matches.
 TEST(Support, PosesThatExplainTheSameKeypointsByOtherMatchesAreTwoAnswers) {
@@ -334,15 +346,7 @@ TEST(Support, PosesThatExplainTheSameKeypointsByOtherMatchesAreTwoAnswers) {
   const Rigid3 other_from_world(
       Eigen::Quaterniond(Eigen::AngleAxisd(0.05, Eigen::Vector3d::UnitY())),
       Eigen::Vector3d(2, 0.5, 1));
-  for (size_t r = 0; r < problem.references.size(); r += 2) {
-    PosedImage& reference = problem.references[r];
-    reference.cam_from_world = reference.cam_from_world * other_from_world.Inverse();
-  }
-  for (Match2D3D& match : problem.matches_2d3d) {
-    if (problem.matches_2d2d[*match.match_2d2d].reference % 2 == 0) {
-      match.point_in_world = other_from_world * match.point_in_world;
-    }
-  }
+  MoveEachOf(2, other_from_world, problem);
   const PoseEstimate estimate = Estimate(problem);
   EXPECT_NE(estimate.verdict, PoseVerdict::kLocalized);
   ExpectBoth(estimate, made.query_from_world, made.query_from_world * other_from_world.Inverse());
@@ -367,15 +371,7 @@ TEST(Support, ReferencesOfALookAlikePlaceDoNotOutvoteThose) {
     CoherentProblem made = MakeCoherentProblem("look-alike", {.wrong = 0.1}, rng);
     PoseProblem& problem = made.problem;
     const Rigid3 other_from_world(Eigen::Quaterniond::Identity(), Eigen::Vector3d(distance, 0, 0));
-    for (size_t r = 0; r < problem.references.size(); r += 4) {
-      PosedImage& reference = problem.references[r];
-      reference.cam_from_world = reference.cam_from_world * other_from_world.Inverse();
-    }
-    for (Match2D3D& match : problem.matches_2d3d) {
-      if (problem.matches_2d2d[*match.match_2d2d].reference % 4 == 0) {
-        match.point_in_world = other_from_world * match.point_in_world;
-      }
-    }
+    MoveEachOf(4, other_from_world, problem);
     const PoseEstimate estimate = Estimate(problem);
     if (distance < 1) {
       EXPECT_EQ(estimate.verdict, PoseVerdict::kLocalized) << estimate.confidence;
@@ -391,6 +387,26 @@ TEST(Support, ReferencesOfALookAlikePlaceDoNotOutvoteThose) {
       EXPECT_TRUE(IsNear(*by_prior.cam_from_world, in_other));
     }
   }
+}
+
+// A place that shows half of what the photograph does, though its references see where the other half
+// would be, is another one.
+TEST(Support, APlaceThatIsAlikeInHalfIsNoSuchPlace) {
+  Rng rng = TestRng();
+  CoherentProblem made = MakeCoherentProblem("half", {.wrong = 0}, rng);
+  PoseProblem& problem = made.problem;
+  MoveEachOf(4, Rigid3(Eigen::Quaterniond::Identity(), Eigen::Vector3d(40, 0, 0)), problem);
+  std::erase_if(problem.matches_2d3d, [&](const Match2D3D& match) {
+    const Match2D2D& pair = problem.matches_2d2d[*match.match_2d2d];
+    return pair.reference % 4 == 0 && match.query_px.x() > 800;
+  });
+  for (Match2D3D& match : problem.matches_2d3d) {
+    match.reference = problem.matches_2d2d[*match.match_2d2d].reference;
+    match.match_2d2d.reset();
+  }
+  problem.matches_2d2d.clear();
+  const PoseEstimate estimate = Estimate(problem, Method::kP3p);
+  EXPECT_EQ(estimate.verdict, PoseVerdict::kLocalized) << estimate.confidence;
 }
 
 // One reference shows what the query does, but its depths are useless; the others have a handful of

@@ -190,6 +190,21 @@ TEST(SmoothWalk, APoseOfNoPlaceHidesNoLoss) {
   EXPECT_LT(walk.step_sigma, 0.05);
 }
 
+// Two corridors that are alike all along: what speaks for the one speaks for the other.
+TEST(SmoothWalk, TwoWalksThatFitAsWellAreDoubtful) {
+  Rng rng = TestRng();
+  MadeWalk made = MakeWalk(rng, {});
+  const Rigid3 moved_from_world{Eigen::Quaterniond::Identity(), Vector3d(2.5, 0, 0)};
+  for (WalkEvidence& frame : made.frames) {
+    frame.singles.push_back(frame.singles.front());
+    frame.singles.back().cam_from_world = frame.singles.back().cam_from_world * moved_from_world;
+    for (SinglePose& single : frame.singles) single.confidence = 0.5;
+  }
+  const SmoothedWalk walk = SmoothWalk(made.frames, OdometryScale::kKnown);
+  ASSERT_EQ(walk.frames.size(), made.frames.size());
+  for (const SmoothedFrame& frame : walk.frames) EXPECT_LT(frame.confidence, 0.6);
+}
+
 TEST(SmoothWalk, FindsAnUnknownScale) {
   Rng rng = TestRng();
   MadeWalk made = MakeWalk(rng, {.scale = 0.013, .origin = {4.6e5, 5.4e6, 300}});

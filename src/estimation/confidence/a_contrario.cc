@@ -9,7 +9,6 @@
 #include "base/statistics.h"
 #include "estimation/confidence/confidence.h"
 #include "estimation/problem/observations.h"
-#include "estimation/problem/repeats.h"
 
 #include "raylift/estimation/pose_estimator.h"
 
@@ -108,31 +107,16 @@ InlierAssessor::InlierAssessor(const PoseProblem& original, const NormalizedProb
   cell_.assign(problem.num_keypoints, 0);
   camera_.assign(problem.num_keypoints, 0);
   pixel_.assign(problem.num_keypoints, Eigen::Vector2d::Zero());
-  ray_.assign(problem.num_keypoints, Eigen::Vector3d::UnitZ());
-  const auto place = [&](size_t keypoint, const Eigen::Vector3d& ray, const auto& match) {
-    ray_[keypoint] = ray;
+  const auto place = [&](size_t keypoint, const auto& match) {
     cell_[keypoint] = QueryImageCell(original, match, kNeighborCellsPerSide);
     camera_[keypoint] = match.camera;
     pixel_[keypoint] = match.query_px;
   };
   for (const NormalizedMatch2D3D& point : problem.matches_2d3d) {
-    place(point.keypoint, point.ray, original.matches_2d3d[static_cast<size_t>(point.match)]);
+    place(point.keypoint, original.matches_2d3d[static_cast<size_t>(point.match)]);
   }
   for (const NormalizedMatch2D2D& pair : problem.matches_2d2d) {
-    place(pair.keypoint, pair.query_ray, original.matches_2d2d[static_cast<size_t>(pair.match)]);
-  }
-  if (Has2D3D(sets)) {
-    for (const NormalizedMatch2D3D& point : problem.matches_2d3d) {
-      const auto reference = ReferenceOf(original, static_cast<size_t>(point.match));
-      const bool is_one = reference && *reference >= 0 &&
-                          static_cast<size_t>(*reference) < original.references.size();
-      reference_.push_back(is_one ? *reference : -1);
-    }
-  }
-  if (Has2D2D(sets)) {
-    for (const NormalizedMatch2D2D& pair : problem.matches_2d2d) {
-      reference_.push_back(pair.reference);
-    }
+    place(pair.keypoint, original.matches_2d2d[static_cast<size_t>(pair.match)]);
   }
 }
 

@@ -20,10 +20,8 @@ namespace {
 std::vector<int> OfOneReference(const PoseProblem& problem, const std::vector<int>& matches_2d3d) {
   std::vector<std::vector<int>> by_reference(problem.references.size());
   for (const int i : matches_2d3d) {
-    const std::optional<int> reference = ReferenceOf(problem, static_cast<size_t>(i));
-    if (!reference || *reference < 0) continue;
-    if (static_cast<size_t>(*reference) >= by_reference.size()) continue;
-    by_reference[static_cast<size_t>(*reference)].push_back(i);
+    const std::optional<size_t> reference = ReferenceOf(problem, static_cast<size_t>(i));
+    if (reference) by_reference[*reference].push_back(i);
   }
   const auto largest =
       std::max_element(by_reference.begin(), by_reference.end(),

@@ -61,15 +61,14 @@ void Keep(const InlierAssessor& assessor, Rival rival, std::vector<Rival>& rival
 
 // Either the pose or one of its rivals is right with the probability `confidence`.
 std::vector<AlternativePose> AlternativesOf(const NormalizedProblem& normalized,
-                                            std::vector<Rival> rivals, double confidence) {
-  std::stable_sort(rivals.begin(), rivals.end(),
-                   [](const Rival& a, const Rival& b) { return a.odds > b.odds; });
+                                            const std::vector<Rival>& rivals, double confidence) {
   double all = 1;
   for (const Rival& rival : rivals) all += rival.odds;
   std::vector<AlternativePose> alternatives;
   for (const Rival& rival : rivals) {
     alternatives.push_back({normalized.ToWorld(rival.pose), confidence * rival.odds / all});
   }
+  SortByProbability(alternatives);
   return alternatives;
 }
 
@@ -142,8 +141,15 @@ void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& norma
                                                     distance, scale, evidence));
   }
   Conclude(confidence, of_position, estimate);
-  estimate.alternatives = AlternativesOf(normalized, std::move(rivals), estimate.confidence);
+  estimate.alternatives = AlternativesOf(normalized, rivals, estimate.confidence);
   Conclude(std::min(confidence, over_alternatives), of_position, estimate);
+}
+
+void SortByProbability(std::vector<AlternativePose>& alternatives) {
+  std::stable_sort(alternatives.begin(), alternatives.end(),
+                   [](const AlternativePose& a, const AlternativePose& b) {
+                     return a.probability > b.probability;
+                   });
 }
 
 void Conclude(double confidence, double of_position, PoseEstimate& estimate) {

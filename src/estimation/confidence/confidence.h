@@ -55,6 +55,9 @@ void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& norma
                       const AssessedPose& assessed, const EstimatorOptions& options,
                       PoseEstimate& estimate);
 
+// Puts the likeliest first.
+void SortByProbability(std::vector<AlternativePose>& alternatives);
+
 // Sets the confidence, no more than the position's unless that is less than what is needed for a
 // pose, and the verdict that follows.
 void Conclude(double confidence, double of_position, PoseEstimate& estimate);
@@ -143,16 +146,15 @@ class InlierAssessor {
   // nullopt of others.
   std::optional<ExclusiveInliers> CompareAsPlaces(const InlierEvidence& first,
                                                   const InlierEvidence& second) const;
-  // The keypoints of which a match with some of the references is an inlier.
-  std::vector<bool> KeypointsBy(const InlierEvidence& evidence,
-                                const std::vector<bool>& references) const;
-  // Whether a reference sees a fourth of the points that such matches are inliers of, or there is no
-  // such point.
-  bool SeesPointsOf(const InlierEvidence& evidence, const std::vector<bool>& references,
-                    const PosedImage& by) const;
-  // Whether a place, which is shown by some references and explains some keypoints, explains the
+  // The reference of each match; nullopt where it is of none.
+  std::vector<std::optional<size_t>> ReferencesOfMatches() const;
+  // The keypoints of some matches.
+  std::vector<bool> KeypointsOf(const std::vector<bool>& matches) const;
+  // Whether a reference sees a fourth of the 3D points of some matches, or there is none.
+  bool SeesPointsOf(const std::vector<bool>& matches, const PosedImage& reference) const;
+  // Whether a pose, which some references speak for and which explains some keypoints, explains the
   // parts of the photograph in which `others` are as well, as far as its references show them.
-  bool ExplainsAll(const InlierEvidence& place, const std::vector<bool>& references,
+  bool ExplainsAll(const CamFromLocal& pose, const std::vector<PosedImage>& references,
                    const std::vector<bool>& explained, const std::vector<bool>& others) const;
   // The factor by which uncertain points and references widen the area or the width of an inlier,
   // on average.
@@ -165,11 +167,9 @@ class InlierAssessor {
   double num_poses_tried_;
   int sample_2d3d_;
   double area_px2_;
-  std::vector<int> reference_;  // of each match of the sets in use; -1: of none
-  std::vector<int> cell_;       // of the image, that each keypoint lies in
+  std::vector<int> cell_;  // of the image, that each keypoint lies in
   std::vector<Eigen::Vector2d> pixel_;
-  std::vector<Eigen::Vector3d> ray_;  // unit, axes of the query's own camera
-  std::vector<int> camera_;           // of each keypoint
+  std::vector<int> camera_;  // of each keypoint
 };
 
 // The probability that the first of two poses is right if one of them is, from the keypoints that

@@ -8,6 +8,8 @@
 #include <vector>
 
 #include "estimation/confidence/confidence.h"
+#include "estimation/problem/observations.h"
+#include "estimation/problem/repeats.h"
 
 #include "raylift/scene/pose_problem.h"
 
@@ -19,60 +21,62 @@ constexpr double kEmptyByChance = 0.05;
 constexpr int kMostPartsPerSide = 16;
 constexpr int kFewestParts = 4;
 
-// Which part of its photograph a keypoint is in, of `side` x `side`.
-size_t PartOf(const Camera& camera, const Eigen::Vector2d& pixel, int side) {
-  const auto along = [side](double x, int size) {
-    return std::clamp(static_cast<int>(x * side / size), 0, side - 1);
-  };
-  return static_cast<size_t>(along(pixel.y(), camera.height_px()) * side +
-                             along(pixel.x(), camera.width_px()));
+bool Sees(const PosedImage& image, const Eigen::Vector3d& point_in_world) {
+  const auto pixel = image.camera.ImgFromCam(image.cam_from_world * point_in_world);
+  return pixel && image.camera.Contains(*pixel);
 }
 
 }  // namespace
 
-std::vector<bool> InlierAssessor::KeypointsBy(const InlierEvidence& evidence,
-                                              const std::vector<bool>& references) const {
+std::vector<std::optional<size_t>> InlierAssessor::ReferencesOfMatches() const {
+  std::vector<std::optional<size_t>> references;
+  if (Has2D3D(sets_)) {
+    for (const NormalizedMatch2D3D& point : problem_.matches_2d3d) {
+      references.push_back(ReferenceOf(original_, static_cast<size_t>(point.match)));
+    }
+  }
+  if (Has2D2D(sets_)) {
+    for (const NormalizedMatch2D2D& pair : problem_.matches_2d2d) {
+      references.emplace_back(static_cast<size_t>(pair.reference));
+    }
+  }
+  return references;
+}
+
+std::vector<bool> InlierAssessor::KeypointsOf(const std::vector<bool>& matches) const {
   std::vector<bool> keypoints(problem_.num_keypoints, false);
-  for (size_t i = 0; i < reference_.size(); ++i) {
-    if (reference_[i] < 0 || !references[static_cast<size_t>(reference_[i])]) continue;
-    if (evidence.inlier[i]) keypoints[KeypointOf(i)] = true;
+  for (size_t i = 0; i < matches.size(); ++i) {
+    if (matches[i]) keypoints[KeypointOf(i)] = true;
   }
   return keypoints;
 }
 
-bool InlierAssessor::SeesPointsOf(const InlierEvidence& evidence,
-                                  const std::vector<bool>& references, const PosedImage& by) const {
+bool InlierAssessor::SeesPointsOf(const std::vector<bool>& matches,
+                                  const PosedImage& reference) const {
   int points = 0, seen = 0;
   for (size_t i = 0; i < problem_.matches_2d3d.size(); ++i) {
-    if (!evidence.inlier[i] || reference_[i] < 0) continue;
-    if (!references[static_cast<size_t>(reference_[i])]) continue;
+    if (!matches[i]) continue;
     const auto match = static_cast<size_t>(problem_.matches_2d3d[i].match);
-    const auto pixel =
-        by.camera.ImgFromCam(by.cam_from_world * original_.matches_2d3d[match].point_in_world);
     ++points;
-    seen += pixel && by.camera.Contains(*pixel) ? 1 : 0;
+    seen += Sees(reference, original_.matches_2d3d[match].point_in_world) ? 1 : 0;
   }
   return points == 0 || seen >= kOnePlace * points;
 }
 
-bool InlierAssessor::ExplainsAll(const InlierEvidence& place, const std::vector<bool>& references,
+bool InlierAssessor::ExplainsAll(const CamFromLocal& pose,
+                                 const std::vector<PosedImage>& references,
                                  const std::vector<bool>& explained,
                                  const std::vector<bool>& others) const {
-  const double distance = SceneDistance(problem_, place.pose, sets_) * problem_.scale;
-  const Rigid3 world_from_query = problem_.ToWorld(place.pose).Inverse();
-  const auto is_shown = [&](size_t keypoint) {
-    const Eigen::Vector3d point = world_from_query * (distance * ray_[keypoint]);
-    for (size_t r = 0; r < references.size(); ++r) {
-      if (!references[r]) continue;
-      const PosedImage& reference = original_.references[r];
-      const auto pixel = reference.camera.ImgFromCam(reference.cam_from_world * point);
-      if (pixel && reference.camera.Contains(*pixel)) return true;
-    }
-    return false;
-  };
+  const Camera& camera = original_.query_camera;
+  const double distance = SceneDistance(problem_, pose, sets_) * problem_.scale;
+  const Rigid3 world_from_query = problem_.ToWorld(pose).Inverse();
   std::vector<size_t> shown;
   for (size_t k = 0; k < others.size(); ++k) {
-    if (others[k] && is_shown(k)) shown.push_back(k);
+    const auto ray = others[k] ? camera.RayInCam(pixel_[k]) : std::nullopt;
+    if (!ray) continue;
+    const Eigen::Vector3d point = world_from_query * (distance * *ray);
+    const auto sees = [&](const PosedImage& reference) { return Sees(reference, point); };
+    if (std::any_of(references.begin(), references.end(), sees)) shown.push_back(k);
   }
   const auto number = static_cast<double>(shown.size());
   const auto both = static_cast<double>(
@@ -82,7 +86,7 @@ bool InlierAssessor::ExplainsAll(const InlierEvidence& place, const std::vector<
   const int side = std::clamp(static_cast<int>(std::sqrt(number / enough)), 1, kMostPartsPerSide);
   std::vector<int> keypoints(static_cast<size_t>(side * side), 0), of_both = keypoints;
   for (const size_t k : shown) {
-    const size_t part = PartOf(original_.query_camera, pixel_[k], side);
+    const auto part = static_cast<size_t>(ImageCell(camera, pixel_[k], side));
     ++keypoints[part];
     of_both[part] += explained[k] ? 1 : 0;
   }
@@ -98,24 +102,29 @@ bool InlierAssessor::ExplainsAll(const InlierEvidence& place, const std::vector<
 std::optional<ExclusiveInliers> InlierAssessor::CompareAsPlaces(
     const InlierEvidence& first, const InlierEvidence& second) const {
   if (!Has2D3D(sets_) || !original_.other_cameras.empty()) return std::nullopt;
+  const std::vector<std::optional<size_t>> references = ReferencesOfMatches();
   std::vector<int> more_of_first(original_.references.size(), 0);
-  for (size_t i = 0; i < reference_.size(); ++i) {
-    if (reference_[i] < 0) continue;
-    more_of_first[static_cast<size_t>(reference_[i])] +=
-        (first.inlier[i] ? 1 : 0) - (second.inlier[i] ? 1 : 0);
+  for (size_t i = 0; i < references.size(); ++i) {
+    if (!references[i]) continue;
+    more_of_first[*references[i]] += (first.inlier[i] ? 1 : 0) - (second.inlier[i] ? 1 : 0);
   }
   const auto most = std::min_element(more_of_first.begin(), more_of_first.end());
   if (most == more_of_first.end() || *most >= 0) return std::nullopt;
-  std::vector<bool> of_first, of_second;
-  for (const int more : more_of_first) {
-    of_first.push_back(more > 0);
-    of_second.push_back(more < 0);
+  // The inliers of each with the references that it explains more matches of.
+  std::vector<bool> of_first(references.size(), false), of_second = of_first;
+  for (size_t i = 0; i < references.size(); ++i) {
+    const int more = references[i] ? more_of_first[*references[i]] : 0;
+    of_first[i] = more > 0 && first.inlier[i];
+    of_second[i] = more < 0 && second.inlier[i];
   }
-  const auto& other = original_.references[static_cast<size_t>(most - more_of_first.begin())];
-  if (SeesPointsOf(first, of_first, other)) return std::nullopt;
-  const std::vector<bool> by_first = KeypointsBy(first, of_first);
-  const std::vector<bool> by_second = KeypointsBy(second, of_second);
-  if (!ExplainsAll(second, of_second, by_second, by_first)) return std::nullopt;
+  const auto other = static_cast<size_t>(most - more_of_first.begin());
+  if (SeesPointsOf(of_first, original_.references[other])) return std::nullopt;
+  std::vector<PosedImage> of_other_place;
+  for (size_t r = 0; r < more_of_first.size(); ++r) {
+    if (more_of_first[r] < 0) of_other_place.push_back(original_.references[r]);
+  }
+  const std::vector<bool> by_first = KeypointsOf(of_first), by_second = KeypointsOf(of_second);
+  if (!ExplainsAll(second.pose, of_other_place, by_second, by_first)) return std::nullopt;
   const auto count = [](const std::vector<bool>& keypoints) {
     return static_cast<double>(std::count(keypoints.begin(), keypoints.end(), true));
   };

@@ -39,14 +39,14 @@ constexpr double kLeastAlternative = 0.01;
 // nothing.
 bool AreOne(const AlternativePose& a, const AlternativePose& b) {
   constexpr double kWithin = 22.5;
-  const Eigen::Matrix<double, 6, 1> step = StepBetween(a.cam_from_world, b.cam_from_world);
+  const Vector6d step = StepBetween(a.cam_from_world, b.cam_from_world);
   if (!a.covariance || !b.covariance) return step.norm() < 1e-6;
   return step.dot((*a.covariance + *b.covariance).ldlt().solve(step)) < kWithin;
 }
 
 // Returns the covariance of a step in local units in those of the scene.
 Matrix6d ToWorldUnits(const NormalizedProblem& problem, const Matrix6d& covariance) {
-  Eigen::Matrix<double, 6, 1> unit;
+  Vector6d unit;
   unit << 1, 1, 1, problem.scale, problem.scale, problem.scale;
   return unit.asDiagonal() * covariance * unit.asDiagonal();
 }
@@ -414,11 +414,8 @@ void RansacEstimator::RefineAlternatives(const NormalizedProblem& problem,
     }
     taken.push_back(alternative);
   }
-  std::stable_sort(taken.begin() + 1, taken.end(),
-                   [](const AlternativePose& a, const AlternativePose& b) {
-                     return a.probability > b.probability;
-                   });
   estimate.alternatives.assign(taken.begin() + 1, taken.end());
+  SortByProbability(estimate.alternatives);
 }
 
 MatchSets RansacEstimator::RefinedSets(Solver solver) const {

@@ -121,11 +121,15 @@ std::optional<size_t> PairOf(const PoseProblem& problem, size_t match_2d3d) {
   return is_of_it ? std::optional(likely) : std::nullopt;
 }
 
-std::optional<int> ReferenceOf(const PoseProblem& problem, size_t match_2d3d) {
-  const Match2D3D& point = problem.matches_2d3d[match_2d3d];
-  if (point.reference) return point.reference;
-  const std::optional<size_t> pair = PairOf(problem, match_2d3d);
-  return pair ? std::optional(problem.matches_2d2d[*pair].reference) : std::nullopt;
+std::optional<size_t> ReferenceOf(const PoseProblem& problem, size_t match_2d3d) {
+  std::optional<int> reference = problem.matches_2d3d[match_2d3d].reference;
+  if (!reference) {
+    const std::optional<size_t> pair = PairOf(problem, match_2d3d);
+    if (pair) reference = problem.matches_2d2d[*pair].reference;
+  }
+  const bool is_one =
+      reference && *reference >= 0 && static_cast<size_t>(*reference) < problem.references.size();
+  return is_one ? std::optional(static_cast<size_t>(*reference)) : std::nullopt;
 }
 
 Repeats FindRepeats(const PoseProblem& problem, double within_px, const Vector3d& from) {

@@ -26,8 +26,9 @@ struct Repeats {
 // the lists; nullopt where it is of none.
 std::optional<size_t> PairOf(const PoseProblem& problem, size_t match_2d3d);
 
-// Returns the reference that a 3D point names, or else that of its pair; nullopt where it is of none.
-std::optional<int> ReferenceOf(const PoseProblem& problem, size_t match_2d3d);
+// Returns the reference that a 3D point names, or else that of its pair; nullopt where it is of none
+// of the problem's.
+std::optional<size_t> ReferenceOf(const PoseProblem& problem, size_t match_2d3d);
 
 // Pixels that are no farther apart than `within_px` coincide; 0: none does, and no match repeats
 // another one. The points of a pair that repeats another one repeat that one's. Points of no pair

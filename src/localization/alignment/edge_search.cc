@@ -12,6 +12,7 @@
 #include "base/constants.h"
 #include "base/rng.h"
 #include "base/statistics.h"
+#include "estimation/confidence/confidence.h"
 #include "features/cv_image.h"
 #include "geometry/pose_step.h"
 #include "localization/alignment/edge_turns.h"
@@ -474,10 +475,7 @@ std::vector<AlternativePose> AlternativesOf(const FoundByEdges& found) {
     if (!(chance > 1 - kLocalizedConfidence)) continue;
     alternatives.push_back({found.modes[i].fit.cam_from_world, right * chance / (1 - chance)});
   }
-  std::stable_sort(alternatives.begin(), alternatives.end(),
-                   [](const AlternativePose& a, const AlternativePose& b) {
-                     return a.probability > b.probability;
-                   });
+  SortByProbability(alternatives);
   return alternatives;
 }
 
