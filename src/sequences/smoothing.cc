@@ -476,7 +476,9 @@ void Judge(std::span<const WalkEvidence> frames, std::vector<SmoothedFrame>& smo
         differing.Add(*others, others->cam_from_world);
       }
       if (!agrees) continue;
-      agreeing.Add(frames[i].singles[*agrees], smoothed[i].cam_from_world);
+      SinglePose own = frames[i].singles[*agrees];
+      own.confidence = UsedConfidences(frames[i])[*agrees];
+      agreeing.Add(own, smoothed[i].cam_from_world);
       if (!first) first = i;
       last = i;
     }
