@@ -90,10 +90,7 @@ std::vector<std::vector<size_t>> FindOverlaps(const GeometrySource& source,
     std::vector<std::pair<double, size_t>> shares;
     for (const size_t other : NearestImages(images, i)) {
       size_t seen = 0;
-      for (const Eigen::Vector3d& point : points) {
-        const auto pixel = images[other].camera.ImgFromCam(images[other].cam_from_world * point);
-        seen += pixel && images[other].camera.Contains(*pixel);
-      }
+      for (const Eigen::Vector3d& point : points) seen += images[other].Sees(point) ? 1 : 0;
       const double share = static_cast<double>(seen) / static_cast<double>(points.size());
       if (share >= kMinOverlap) shares.emplace_back(-share, other);
     }

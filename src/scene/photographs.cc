@@ -6,6 +6,11 @@
 
 namespace raylift {
 
+bool PosedImage::Sees(const Eigen::Vector3d& point_in_world) const {
+  const auto pixel = camera.ImgFromCam(cam_from_world * point_in_world);
+  return pixel && camera.Contains(*pixel);
+}
+
 std::string ViewCamera::ToString() const {
   return lens ? lens->ToString() : fmt::format("EQUIRECTANGULAR {} {}", width_px, height_px);
 }

@@ -22,6 +22,9 @@ struct PosedImage {
   std::string name;  // as in the model: a path relative to the image folder
   Camera camera;
   Rigid3 cam_from_world;
+
+  // Whether it would show the point if nothing were in between.
+  bool Sees(const Eigen::Vector3d& point_in_world) const;
 };
 
 // One of COLMAP's cameras, or an equirectangular panorama of all directions, which has no other

@@ -21,11 +21,6 @@ constexpr double kEmptyByChance = 0.05;
 constexpr int kMostPartsPerSide = 16;
 constexpr int kFewestParts = 4;
 
-bool Sees(const PosedImage& image, const Eigen::Vector3d& point_in_world) {
-  const auto pixel = image.camera.ImgFromCam(image.cam_from_world * point_in_world);
-  return pixel && image.camera.Contains(*pixel);
-}
-
 }  // namespace
 
 std::vector<std::optional<size_t>> InlierAssessor::ReferencesOfMatches() const {
@@ -58,7 +53,7 @@ bool InlierAssessor::SeesPointsOf(const std::vector<bool>& matches,
     if (!matches[i]) continue;
     const auto match = static_cast<size_t>(problem_.matches_2d3d[i].match);
     ++points;
-    seen += Sees(reference, original_.matches_2d3d[match].point_in_world) ? 1 : 0;
+    seen += reference.Sees(original_.matches_2d3d[match].point_in_world) ? 1 : 0;
   }
   return points == 0 || seen >= kOnePlace * points;
 }
@@ -75,7 +70,7 @@ bool InlierAssessor::ExplainsAll(const CamFromLocal& pose,
     const auto ray = others[k] ? camera.RayInCam(pixel_[k]) : std::nullopt;
     if (!ray) continue;
     const Eigen::Vector3d point = world_from_query * (distance * *ray);
-    const auto sees = [&](const PosedImage& reference) { return Sees(reference, point); };
+    const auto sees = [&](const PosedImage& reference) { return reference.Sees(point); };
     if (std::any_of(references.begin(), references.end(), sees)) shown.push_back(k);
   }
   const auto number = static_cast<double>(shown.size());
