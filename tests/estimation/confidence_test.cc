@@ -395,10 +395,10 @@ TEST(Support, APlaceThatIsAlikeInHalfIsNoSuchPlace) {
   Rng rng = TestRng();
   CoherentProblem made = MakeCoherentProblem("half", {.wrong = 0}, rng);
   PoseProblem& problem = made.problem;
-  MoveEachOf(4, Rigid3(Eigen::Quaterniond::Identity(), Eigen::Vector3d(40, 0, 0)), problem);
+  MoveEachOf(3, Rigid3(Eigen::Quaterniond::Identity(), Eigen::Vector3d(40, 0, 0)), problem);
   std::erase_if(problem.matches_2d3d, [&](const Match2D3D& match) {
     const Match2D2D& pair = problem.matches_2d2d[*match.match_2d2d];
-    return pair.reference % 4 == 0 && match.query_px.x() > 800;
+    return pair.reference % 3 == 0 && match.query_px.x() > 900;
   });
   for (Match2D3D& match : problem.matches_2d3d) {
     match.reference = problem.matches_2d2d[*match.match_2d2d].reference;
@@ -657,6 +657,34 @@ TEST(Support, WhatTheSceneHoldsTwiceIsDoubtful) {
         EXPECT_TRUE(estimate.alternatives.empty());
       }
     }
+  }
+}
+
+// Each of three poses, which a third of the keypoints each speaks for, is right in one case of three.
+TEST(Support, OfThreePosesThatExplainAsMuchEachHasAThird) {
+  Rng rng = TestRng();
+  CoherentProblem made = MakeCoherentProblem("thrice", {.wrong = 0}, rng);
+  made.problem.matches_2d2d.clear();
+  const Eigen::Vector3d apart(3, 0.5, 0);
+  for (Match2D3D& match : made.problem.matches_2d3d) {
+    match.match_2d2d.reset();
+    match.point_in_world += match.query_keypoint.value() % 3 * apart;
+  }
+  const PoseEstimate estimate = Estimate(made.problem);
+  ASSERT_TRUE(estimate.cam_from_world);
+  EXPECT_NEAR(estimate.confidence, 1.0 / 3, 0.02);
+  ASSERT_EQ(estimate.alternatives.size(), 2U);
+  std::vector<Rigid3> poses = {*estimate.cam_from_world};
+  for (const AlternativePose& alternative : estimate.alternatives) {
+    EXPECT_NEAR(alternative.probability, 1.0 / 3, 0.02);
+    poses.push_back(alternative.cam_from_world);
+  }
+  for (int k = 0; k < 3; ++k) {
+    const Rigid3 moved{Eigen::Quaterniond::Identity(), -k * apart};
+    const auto is_there = [&](const Rigid3& pose) {
+      return IsNear(pose, made.query_from_world * moved);
+    };
+    EXPECT_EQ(std::count_if(poses.begin(), poses.end(), is_there), 1) << k;
   }
 }
 

@@ -9,6 +9,7 @@
 #include "base/statistics.h"
 #include "estimation/problem/observations.h"
 #include "estimation/problem/repeats.h"
+#include "estimation/ransac/ransac.h"
 #include "estimation/refinement/refinement.h"
 
 #include "raylift/scene/pose_problem.h"
@@ -47,29 +48,18 @@ struct Rival {
   double odds = 0;
 };
 
-// Of poses that are one answer, the likelier is kept.
-void Keep(const InlierAssessor& assessor, Rival rival, std::vector<Rival>& rivals) {
-  const auto same = std::find_if(rivals.begin(), rivals.end(), [&](const Rival& other) {
-    return !assessor.Compare(other.evidence, rival.evidence);
-  });
-  if (same == rivals.end()) {
-    rivals.push_back(std::move(rival));
-  } else if (rival.odds > same->odds) {
-    *same = std::move(rival);
+// Returns the likeliest first; of poses that are one answer, or at one place, only that one.
+std::vector<Rival> EachOnce(const InlierAssessor& assessor, std::vector<Rival> rivals) {
+  std::stable_sort(rivals.begin(), rivals.end(),
+                   [](const Rival& a, const Rival& b) { return a.odds > b.odds; });
+  std::vector<Rival> kept;
+  for (Rival& rival : rivals) {
+    const bool is_other = std::all_of(kept.begin(), kept.end(), [&](const Rival& other) {
+      return AreApart(other.pose, rival.pose) && assessor.Compare(other.evidence, rival.evidence);
+    });
+    if (is_other) kept.push_back(std::move(rival));
   }
-}
-
-// Either the pose or one of its rivals is right with the probability `confidence`.
-std::vector<AlternativePose> AlternativesOf(const NormalizedProblem& normalized,
-                                            const std::vector<Rival>& rivals, double confidence) {
-  double all = 1;
-  for (const Rival& rival : rivals) all += rival.odds;
-  std::vector<AlternativePose> alternatives;
-  for (const Rival& rival : rivals) {
-    alternatives.push_back({normalized.ToWorld(rival.pose), confidence * rival.odds / all});
-  }
-  SortByProbability(alternatives);
-  return alternatives;
+  return kept;
 }
 
 }  // namespace
@@ -100,8 +90,8 @@ void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& norma
         FindAlternative(problem, normalized, evidence.inlier, assessed.scored, options);
     if (found) alternatives.push_back(normalized.ToLocal(*found));
   }
-  double over_alternatives = 1;
   std::vector<Rival> rivals;
+  double least = 1;
   for (const CamFromLocal& pose : alternatives) {
     const InlierEvidence alternative = assessor.Assess(pose);
     const std::optional<ExclusiveInliers> exclusive = assessor.Compare(evidence, alternative);
@@ -110,11 +100,16 @@ void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& norma
     const double probability = ProbabilityOverAlternative(
         *exclusive, std::max(evidence.clustering, alternative.clustering),
         assessor.IsBeyondChance(alternative, *exclusive), log_odds);
-    over_alternatives = std::min(over_alternatives, probability);
-    if (!(probability < kLocalizedConfidence)) continue;
     constexpr double kLeast = 1e-6;
-    Keep(assessor, {pose, alternative, (1 - probability) / std::max(probability, kLeast)}, rivals);
+    least = std::min(least, probability);
+    rivals.push_back({pose, alternative, (1 - probability) / std::max(probability, kLeast)});
   }
+  rivals = EachOnce(assessor, std::move(rivals));
+  // The probability of the pose and its rivals, over the pose's.
+  double all = 1;
+  for (const Rival& rival : rivals) all += rival.odds;
+  // Several weak rivals leave a pose.
+  const double over_rivals = std::max(1 / all, std::min(least, kLeastConfidence));
   // Inliers on less are one witness.
   if (assessor.Spread(evidence) < kOnePlace) confidence = std::min(confidence, 0.5);
 
@@ -141,8 +136,15 @@ void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& norma
                                                     distance, scale, evidence));
   }
   Conclude(confidence, of_position, estimate);
-  estimate.alternatives = AlternativesOf(normalized, rivals, estimate.confidence);
-  Conclude(std::min(confidence, over_alternatives), of_position, estimate);
+  // Pose k is right with odds_k / all of what all else leaves.
+  estimate.alternatives.clear();
+  if (over_rivals < kLocalizedConfidence) {
+    for (const Rival& rival : rivals) {
+      estimate.alternatives.push_back(
+          {normalized.ToWorld(rival.pose), estimate.confidence * rival.odds / all});
+    }
+  }
+  Conclude(std::min(confidence, over_rivals), of_position, estimate);
 }
 
 void SortByProbability(std::vector<AlternativePose>& alternatives) {

@@ -4,8 +4,9 @@
 //
 //   P_chance       The inliers are not there by chance: 1 / (1 + NFA / L), with the expected number of
 //                  false alarms NFA (below) and how much likelier the priors make the pose, L.
-//   P_alternative  No other pose explains the matches as well: the least over those that RANSAC found
-//                  and one that is looked for in what the pose leaves unexplained.
+//   P_alternative  No other pose explains the matches as well: 1 / (1 + the sum of the odds against
+//                  it) of those that RANSAC found and of one that is looked for in what the pose
+//                  leaves unexplained, as far as they are different answers.
 //   P_patch        1/2 where the inliers lie on a small part of what is matched.
 //   P_points       1/2 where the points of the keypoints that fit by their 2D-2D matches do not fit.
 //   P_position     The matches tell where the camera is: within 1.25 % of the distance to the scene, and

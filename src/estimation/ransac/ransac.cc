@@ -37,16 +37,6 @@ struct SolverProgress {
   bool Done() const { return samples >= required; }
 };
 
-// Poses so far apart in rotation (.01 radians) or place (.1 local units) are different answers.
-bool AreApart(const CamFromLocal& a, const CamFromLocal& b) {
-  constexpr double kRotation = 0.01;
-  constexpr double kTranslation = 0.1;
-  const Eigen::Matrix3d rotation = a.rotation * b.rotation.transpose();
-  const Eigen::Vector3d translation =
-      a.rotation.transpose() * a.translation - b.rotation.transpose() * b.translation;
-  return rotation.trace() < 1 + 2 * std::cos(kRotation) || translation.norm() > kTranslation;
-}
-
 // What depths say that are wrong together may outvote the 2D-2D matches: of the poses that E5+1 and
 // D3+1 make, those that the 2D-2D matches alone like best are kept.
 class BestOf2D2D {
@@ -318,6 +308,15 @@ class Ransac {
 };
 
 }  // namespace
+
+bool AreApart(const CamFromLocal& a, const CamFromLocal& b) {
+  constexpr double kRotation = 0.01;
+  constexpr double kTranslation = 0.1;
+  const Eigen::Matrix3d rotation = a.rotation * b.rotation.transpose();
+  const Eigen::Vector3d translation =
+      a.rotation.transpose() * a.translation - b.rotation.transpose() * b.translation;
+  return rotation.trace() < 1 + 2 * std::cos(kRotation) || translation.norm() > kTranslation;
+}
 
 RansacReport RunRansac(const NormalizedProblem& problem, const PoseScore& pose_score,
                        const std::vector<RansacSolver>& solvers, SolverSchedule schedule,

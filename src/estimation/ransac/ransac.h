@@ -35,6 +35,9 @@ struct RansacResult {
   MatchSets optimized_sets;
 };
 
+// Whether poses are different answers: by so much in rotation (.01 radians) or place (.1 local units).
+bool AreApart(const CamFromLocal& a, const CamFromLocal& b);
+
 struct RansacReport {
   std::optional<RansacResult> best;
   double best_value = 0;  // PoseScore::Value()
