@@ -16,8 +16,6 @@
 namespace raylift {
 namespace {
 
-// How many frames with a pose back one may be tied to.
-constexpr size_t kWindow = 30;
 constexpr double kScaleDrift = 0.02;
 // A step that hardly moves is noisy, too, by this share of the mean one.
 constexpr double kLeastAmount = 0.05;

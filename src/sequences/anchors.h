@@ -20,6 +20,9 @@ struct StepNoise {
   double rotation_variance = 0;  // radians squared
 };
 
+// How many frames with a pose back one may be tied to.
+inline constexpr size_t kWindow = 30;
+
 // The probability that the odometry is lost in a step.
 inline constexpr double kLost = 0.01;
 

@@ -16,6 +16,7 @@
 #include "localization/results/query_job.h"
 #include "localization/results/result_json.h"
 #include "sequences/chain.h"
+#include "sequences/judgment.h"
 #include "sequences/odometry_axes.h"
 #include "sequences/walked_query.h"
 #include <Eigen/Cholesky>
@@ -75,9 +76,7 @@ void ForgetInliers(PoseEstimate& estimate) {
 }
 
 // Whether the walk agrees with the photograph's own pose, not with an alternative of it.
-bool AgreesWithOwn(const SmoothedFrame& frame) {
-  return frame.single_agrees > 0.5 && frame.single == 0;
-}
+bool AgreesWithOwn(const SmoothedFrame& frame) { return Agrees(frame) && frame.single == 0; }
 
 // How sure the walk's pose of a photograph is.
 PoseEstimate EstimateOf(const SmoothedFrame& frame, const Query& photograph,

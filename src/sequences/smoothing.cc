@@ -9,8 +9,8 @@
 #include "base/constants.h"
 #include "sequences/anchors.h"
 #include "sequences/chain.h"
+#include "sequences/judgment.h"
 #include "sequences/mixture.h"
-#include <Eigen/Cholesky>
 #include <Eigen/LU>
 
 #include "raylift/base/error.h"
@@ -38,9 +38,6 @@ constexpr int kRounds = 10;
 // While the noise still changes, and at the end.
 constexpr int kIterationsOfRound = 4;
 constexpr int kIterations = 50;
-
-// Frames whose own pose is as likely as this to be right agree with the walk.
-constexpr double kAgrees = 0.5;
 
 Information InverseDiagonal(double rotation_variance, double position_variance) {
   Matrix6d information = Matrix6d::Zero();
@@ -378,118 +375,6 @@ class WalkGraph {
   double log_scale_ = 0;
 };
 
-// What the poses of some frames say. What makes one wrong makes those of the same place wrong, too:
-// they are one witness, as sure as the surest of them.
-class Witnesses {
- public:
-  // `pose` is where the frame says that it is.
-  void Add(const SinglePose& single, const Rigid3& pose) {
-    const double log_wrong = std::log(std::clamp(1 - single.confidence, 1e-3, 1.0));
-    if (last_ && IsOfLastPlace(single, pose)) {
-      log_wrong_.back() = std::min(log_wrong_.back(), log_wrong);
-      return;
-    }
-    last_ = {pose, single.covariance, single.confidence};
-    log_wrong_.push_back(log_wrong);
-  }
-
-  // The logarithm of the probability that all are wrong.
-  double LogAllWrong() const { return std::accumulate(log_wrong_.begin(), log_wrong_.end(), 0.0); }
-  // That of the surest alone: what repeats along the walk makes all of them wrong, however many.
-  double LogSurestWrong() const {
-    constexpr size_t kMost = 3;
-    std::vector<double> surest(std::min(kMost, log_wrong_.size()));
-    std::partial_sort_copy(log_wrong_.begin(), log_wrong_.end(), surest.begin(), surest.end());
-    return std::accumulate(surest.begin(), surest.end(), 0.0);
-  }
-
- private:
-  bool IsOfLastPlace(const SinglePose& single, const Rigid3& pose) const {
-    constexpr double kWithin = 12.6;  // 95 % of errors of six numbers
-    const Vector6d step = StepBetween(last_->cam_from_world, pose);
-    const Matrix6d covariance = last_->covariance + single.covariance;
-    return step.dot(covariance.ldlt().solve(step)) < kWithin;
-  }
-
-  std::optional<SinglePose> last_;
-  std::vector<double> log_wrong_;
-};
-
-// The probability that those which agree are right, where all that differ from them speak against
-// it.
-double ProbabilityOfAgreeing(const Witnesses& agreeing, const Witnesses& differing) {
-  const double all_agreeing = agreeing.LogAllWrong();
-  if (all_agreeing == 0) return 0;
-  const double none_agreeing = agreeing.LogSurestWrong();
-  // Both sides count as fewer by the same share.
-  const double none_differing = differing.LogAllWrong() * none_agreeing / all_agreeing;
-  const double some_agreeing = -std::expm1(none_agreeing);
-  return some_agreeing / (some_agreeing + std::exp(none_agreeing - none_differing));
-}
-
-bool Agrees(const SmoothedFrame& frame) { return frame.single_agrees > kAgrees; }
-
-// How often the odometry is lost in a step: as in the walk, but where it seldom or never was there,
-// what is thought before counts, too.
-double ShareLost(const std::vector<SmoothedFrame>& smoothed) {
-  constexpr double kPriorSteps = 30;
-  const auto lost = static_cast<double>(
-      std::count_if(smoothed.begin(), smoothed.end(),
-                    [](const SmoothedFrame& frame) { return frame.lost_before; }));
-  const auto steps = static_cast<double>(smoothed.size() - 1);
-  return std::max(lost / steps, (lost + kLost * kPriorSteps) / (steps + kPriorSteps));
-}
-
-// The end of the frames from `begin` on between which the odometry was not lost.
-size_t EndOfRun(const std::vector<SmoothedFrame>& smoothed, size_t begin) {
-  size_t end = begin + 1;
-  while (end < smoothed.size() && !smoothed[end].lost_before) ++end;
-  return end;
-}
-
-// What a frame says by all of its own poses but one: the first of these, with the probability that
-// one of them is right; nullopt where there is none.
-std::optional<SinglePose> OthersOf(const WalkEvidence& frame, std::optional<size_t> but = {}) {
-  const std::vector<double> confidences = UsedConfidences(frame);
-  std::optional<SinglePose> others;
-  for (size_t k = 0; k < confidences.size(); ++k) {
-    if (k == but) continue;
-    if (!others) others = SinglePose{frame.singles[k].cam_from_world, frame.singles[k].covariance};
-    others->confidence += confidences[k];
-  }
-  return others;
-}
-
-// Frames between which the odometry was not lost are right or wrong together. Before the first and
-// after the last one that agrees it may have been lost without a sign of it.
-void Judge(std::span<const WalkEvidence> frames, std::vector<SmoothedFrame>& smoothed) {
-  const double kept = 1 - ShareLost(smoothed);
-  for (size_t begin = 0, end = 0; begin < smoothed.size(); begin = end) {
-    end = EndOfRun(smoothed, begin);
-    Witnesses agreeing, differing;
-    std::optional<size_t> first, last;
-    for (size_t i = begin; i < end; ++i) {
-      if (frames[i].singles.empty()) continue;
-      const std::optional<size_t> agrees =
-          Agrees(smoothed[i]) ? std::optional(smoothed[i].single) : std::nullopt;
-      if (const auto others = OthersOf(frames[i], agrees)) {
-        differing.Add(*others, others->cam_from_world);
-      }
-      if (!agrees) continue;
-      SinglePose own = frames[i].singles[*agrees];
-      own.confidence = UsedConfidences(frames[i])[*agrees];
-      agreeing.Add(own, smoothed[i].cam_from_world);
-      if (!first) first = i;
-      last = i;
-    }
-    const double probability = ProbabilityOfAgreeing(agreeing, differing);
-    for (size_t i = begin; i < end && first; ++i) {
-      const size_t beyond = i < *first ? *first - i : (i > *last ? i - *last : 0);
-      smoothed[i].confidence = probability * std::pow(kept, beyond);
-    }
-  }
-}
-
 // The scale that pairs of frames tell, where it is not the known one.
 std::optional<double> ContradictingScale(std::span<const WalkEvidence> frames,
                                          const SmoothedWalk& walk) {
@@ -516,7 +401,7 @@ SmoothedWalk SmoothWalk(std::span<const WalkEvidence> frames, OdometryScale scal
   if (!graph.Begin()) return {};
   graph.Minimize();
   SmoothedWalk walk = graph.Result();
-  Judge(frames, walk.frames);
+  JudgeWalk(frames, walk);
   if (is_known) walk.contradicting_scale = ContradictingScale(frames, walk);
   return walk;
 }

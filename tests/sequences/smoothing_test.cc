@@ -11,6 +11,7 @@
 #include "support/matchers.h"
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "raylift/geometry/residuals.h"
@@ -34,6 +35,18 @@ double MeanNees(const MadeWalk& made, const SmoothedWalk& walk) {
     sum += error.dot(walk.frames[i].covariance.inverse() * error) / 6;
   }
   return sum / static_cast<double>(made.truth.size());
+}
+
+TEST(UsedConfidences, LeaveRoomForAPoseThatWasNotFound) {
+  const auto used = [](const std::vector<double>& confidences) {
+    WalkEvidence frame;
+    for (const double c : confidences) frame.singles.push_back({Rigid3(), Matrix6d(), c});
+    return UsedConfidences(frame);
+  };
+  EXPECT_THAT(used({0.5}), ::testing::ElementsAre(0.5));
+  EXPECT_THAT(used({0.4, 0.2, 0.1}), ::testing::ElementsAre(0.4, 0.2, 0.1));
+  const double third = (1 - 0.1 * kLost) / 3;
+  EXPECT_THAT(used({0.5, 0.5}), ::testing::Each(::testing::DoubleNear(third, 1e-12)));
 }
 
 // From a first pose that is turned by its deviation the odometry leads a meter past the second one.
@@ -205,6 +218,42 @@ TEST(SmoothWalk, TwoWalksThatFitAsWellAreDoubtful) {
   for (const SmoothedFrame& frame : walk.frames) EXPECT_LT(frame.confidence, 0.6);
 }
 
+// What else frames say makes a walk doubtful where it is one other walk, or several, and hardly where
+// it is elsewhere each time; also where the frames' covariances are too small.
+TEST(SmoothWalk, OnlyPosesThatAgreeMakeARivalWalk) {
+  const auto confidence_of = [](int rivals, bool agree, double too_small) {
+    Rng rng = TestRng();
+    MadeWalk made = MakeWalk(rng, {});
+    for (size_t i = 0; i < made.frames.size(); ++i) {
+      std::vector<SinglePose>& singles = made.frames[i].singles;
+      singles.front().covariance /= too_small * too_small;
+      singles.front().confidence = 0.8;
+      if (i % 20 == 10) continue;
+      for (int k = 1; k <= rivals; ++k) {
+        const Rigid3 moved_from_world{Eigen::Quaterniond::Identity(), Vector3d(2.5 * k, 0, 0)};
+        const Rigid3 place =
+            agree ? made.truth[i] * moved_from_world
+                  : LookAt(Vector3d(rng.Normal(), rng.Normal(), 0), Vector3d(9, 9, 9));
+        singles.push_back(singles.front());
+        singles.back().cam_from_world = Moved(place, Noise(rng, 0.2, 0.02));
+      }
+      for (SinglePose& single : singles) single.confidence = 1.0 / (1 + rivals);
+    }
+    const SmoothedWalk walk = SmoothWalk(made.frames, OdometryScale::kKnown);
+    double sum = 0;
+    for (size_t i = 0; i < walk.frames.size(); ++i) {
+      EXPECT_LT(made.Error(walk, i), 0.15) << i;
+      sum += walk.frames[i].confidence / static_cast<double>(walk.frames.size());
+    }
+    return sum;
+  };
+  for (const double too_small : {1.0, 3.0}) {
+    EXPECT_GT(confidence_of(1, false, too_small), 0.95) << too_small;
+    EXPECT_LT(confidence_of(1, true, too_small), 0.9) << too_small;
+  }
+  EXPECT_LT(confidence_of(3, true, 1), confidence_of(1, true, 1) - 0.1);
+}
+
 TEST(SmoothWalk, FindsAnUnknownScale) {
   Rng rng = TestRng();
   MadeWalk made = MakeWalk(rng, {.scale = 0.013, .origin = {4.6e5, 5.4e6, 300}});
@@ -352,18 +401,21 @@ TEST(FindBetterReading, NamesNothingByChance) {
   EXPECT_FALSE(ReadingOf(few, Vector3d(1, -1, -1).asDiagonal(), false));
 }
 
+// Also where the frames after it are few: sure ones are not wrong in the same way instead.
 TEST(SmoothWalk, LostOdometryDividesTheWalk) {
   Rng rng = TestRng();
-  MadeWalk made = MakeWalk(rng, {});
-  const Rigid3 jump = RandomRigid3(rng, 2);
-  for (size_t i = 31; i < 60; ++i) {
-    made.frames[i].cam_from_odometry = made.frames[i].cam_from_odometry * jump;
-  }
-  const SmoothedWalk walk = SmoothWalk(made.frames, OdometryScale::kKnown);
-  ASSERT_EQ(walk.frames.size(), made.frames.size());
-  for (size_t i = 0; i < 60; ++i) {
-    EXPECT_LT(made.Error(walk, i), 0.08) << i;
-    EXPECT_EQ(walk.frames[i].lost_before, i == 31) << i;
+  for (const size_t lost : {31, 53}) {
+    MadeWalk made = MakeWalk(rng, {});
+    const Rigid3 jump = RandomRigid3(rng, 2);
+    for (size_t i = lost; i < 60; ++i) {
+      made.frames[i].cam_from_odometry = made.frames[i].cam_from_odometry * jump;
+    }
+    const SmoothedWalk walk = SmoothWalk(made.frames, OdometryScale::kKnown);
+    ASSERT_EQ(walk.frames.size(), made.frames.size());
+    for (size_t i = 0; i < 60; ++i) {
+      EXPECT_LT(made.Error(walk, i), 0.08) << i;
+      EXPECT_EQ(walk.frames[i].lost_before, i == lost) << i;
+    }
   }
 }
 

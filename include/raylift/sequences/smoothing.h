@@ -62,7 +62,8 @@ struct SmoothedFrame {
   Rigid3 cam_from_world;
   Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Zero();  // marginal
   // The probability that the frames which agree with this one by odometry are not all wrong: those
-  // of one place are wrong together, and no more than three count.
+  // of one place are wrong together, and no more than three count; frames that do not agree, and
+  // other walks that the alternatives of those which agree would make, speak against it.
   double confidence = 0;
   // The probability that a pose of its own is right, 0 without one; and which of them.
   double single_agrees = 0;
