@@ -2,13 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
 #include <limits>
+#include <numbers>
 #include <numeric>
 #include <optional>
 #include <utility>
 
-#include "base/hash.h"
 #include "base/index_sets.h"
 #include "base/statistics.h"
 #include "lifting/depth_correction_fit.h"
@@ -47,45 +46,56 @@ double RobustLogFactor(const std::vector<DepthObservation>& observations) {
 constexpr std::array kModes = {AlignMode::kOff, AlignMode::kScale, AlignMode::kAffine,
                                AlignMode::kGrid};
 
-// Each mode leaves a loss of a place's matches: the sum of Cauchy's losses.
+// Each mode leaves a loss of a group of matches: the sum of Cauchy's losses.
 using Losses = std::array<double, kModes.size()>;
 
-// Half of the places of a map are corrected by what the other half says, and the other way around;
-// matches of one place of the map are not independent. Returns the losses of each place.
+// What one half of the groups of matches says of a map corrects the other half, and the other way
+// around. Groups are of the other references, as all matches with one may be wrong together, of a
+// place that looks alike; with one other reference alone of places of the map, as matches of one
+// place are not independent. Returns the losses of each group.
 std::vector<Losses> HeldOutLosses(const std::vector<DepthObservation>& observations,
                                   const Camera& camera, const AlignOptions& options) {
-  std::map<int, Losses> losses;
-  const auto is_in_half = [&](const DepthObservation& o, uint64_t half) {
-    const int place = PlaceOf(o.pixel, camera);
-    return HashBytes64(AsBytes(std::span(&place, 1))) % 2 == half;
-  };
-  for (const uint64_t half : {0, 1}) {
-    std::vector<DepthObservation> shown, held_out;
-    for (const DepthObservation& o : observations) {
-      (is_in_half(o, half) ? held_out : shown).push_back(o);
+  // A match that is farther off is rather wrong, and as wrong as any: where Cauchy's density
+  // 1 / (pi w (1 + (d / w)^2)) falls below that of a match anywhere along the epipolar line.
+  const double extent_px = std::hypot(camera.width_px(), camera.height_px());
+  const double width_px = options.loss_width_px;
+  const double wrong_px =
+      width_px * std::sqrt(std::max(extent_px / (std::numbers::pi * width_px) - 1, 0.0));
+  std::map<int, std::vector<DepthObservation>> groups;
+  for (const DepthObservation& o : observations) groups[o.other].push_back(o);
+  if (groups.size() == 1) {
+    groups.clear();
+    for (const DepthObservation& o : observations) groups[PlaceOf(o.pixel, camera)].push_back(o);
+  }
+  std::vector<Losses> losses;
+  for (const size_t half : {0, 1}) {
+    std::vector<DepthObservation> shown;
+    size_t index = 0;
+    for (const auto& [key, group] : groups) {
+      if (index++ % 2 != half) shown.insert(shown.end(), group.begin(), group.end());
     }
     if (shown.empty()) continue;
+    std::array<DepthCorrection, kModes.size()> corrections;
     const double log_factor = RobustLogFactor(shown);
     for (size_t m = 0; m < kModes.size(); ++m) {
       AlignOptions fit = options;
       fit.mode = kModes[m];
-      const DepthCorrection correction =
-          kModes[m] == AlignMode::kOff
-              ? DepthCorrection{}
-              : FitCorrection(shown, camera, log_factor, std::nullopt, fit);
-      const auto distances = MatchDistances(held_out, camera, correction);
-      for (size_t i = 0; i < held_out.size(); ++i) {
-        // A point that does not project is as wrong as can be.
-        const double most_px = std::hypot(camera.width_px(), camera.height_px());
-        const double loss = std::min(distances[i], most_px) / options.loss_width_px;
-        losses[PlaceOf(held_out[i].pixel, camera)][m] += std::log1p(loss * loss);
+      if (fit.mode == AlignMode::kOff) continue;
+      corrections[m] = FitCorrection(shown, camera, log_factor, std::nullopt, fit);
+    }
+    index = 0;
+    for (const auto& [key, group] : groups) {
+      if (index++ % 2 != half) continue;
+      Losses& of_group = losses.emplace_back();
+      for (size_t m = 0; m < kModes.size(); ++m) {
+        for (const double distance : MatchDistances(group, camera, corrections[m])) {
+          const double loss = std::min(distance, wrong_px) / width_px;
+          of_group[m] += std::log1p(loss * loss);
+        }
       }
     }
   }
-  std::vector<Losses> by_place;
-  by_place.reserve(losses.size());
-  for (const auto& [place, loss] : losses) by_place.push_back(loss);
-  return by_place;
+  return losses;
 }
 
 // Says whether the second mode leaves less by more than two standard errors.

@@ -165,20 +165,21 @@ TEST(AlignDepth, MapsWithFewMatchesTakeTheOthersFactor) {
   EXPECT_EQ(lonely.correction.log_factors[0], std::log(aligned.alignment.median_factor));
 }
 
-// A few keypoints of the last map matched where they would be if its depth were to be halved: as of
-// a facade with one like it.
-std::vector<ReferenceMatch> MatchesOfALookAlike(const Room& room, int count, Rng& rng) {
+// Keypoints of map a, in the upper left of its image, matched where they would be in b if its depth
+// were another by a factor: as of a facade with one like it.
+std::vector<ReferenceMatch> MatchesOfALookAlike(const Room& room, int a, int b, double factor,
+                                                const Eigen::Vector2d& extent_px, int count,
+                                                Rng& rng) {
   std::vector<ReferenceMatch> matches;
-  const int last = static_cast<int>(room.references.size()) - 1;
-  const PosedImage& map = room.references.back();
-  const PosedImage& other = room.references[static_cast<size_t>(last) - 1];
+  const PosedImage& map = room.references[static_cast<size_t>(a)];
+  const PosedImage& other = room.references[static_cast<size_t>(b)];
   for (int tries = 0; tries < 1000 && static_cast<int>(matches.size()) < count; ++tries) {
-    const Eigen::Vector2d pixel(rng.Uniform(0, 320), rng.Uniform(0, 240));
+    const Eigen::Vector2d pixel(rng.Uniform(0, extent_px.x()), rng.Uniform(0, extent_px.y()));
     const auto point = room.walls->Lift(map, {&pixel, 1})[0];
     const Eigen::Vector3d center = map.cam_from_world.OriginInSource();
     const auto seen = other.camera.ImgFromCam(other.cam_from_world *
-                                              (center + 0.47 * (point->point_in_world - center)));
-    if (seen && other.camera.Contains(*seen)) matches.push_back({last, last - 1, pixel, *seen});
+                                              (center + factor * (point->point_in_world - center)));
+    if (seen && other.camera.Contains(*seen)) matches.push_back({a, b, pixel, *seen});
   }
   return matches;
 }
@@ -191,11 +192,33 @@ TEST(AlignDepth, RightDepthStaysWhereFewMatchesAreWrongTogether) {
     std::vector<ReferenceMatch> matches = room.MatchAll(60, 0.5, rng);
     std::erase_if(matches,
                   [](const ReferenceMatch& m) { return m.reference_a == 4 || m.reference_b == 4; });
-    const auto wrong = MatchesOfALookAlike(room, 29, rng);
+    const auto wrong = MatchesOfALookAlike(room, 4, 3, 0.47, {320, 240}, 29, rng);
     matches.insert(matches.end(), wrong.begin(), wrong.end());
     EXPECT_EQ(Align(room, exact, matches, AlignMode::kAuto).alignment.mode, AlignMode::kOff);
     const Aligned scale = Align(room, exact, matches, AlignMode::kScale);
     EXPECT_NEAR(scale.alignment.maps[4].correction.log_factors[0], 0, 0.02);
+  }
+}
+
+// Where most pairs show two places that look alike, what one pair says of the depth is another thing
+// than what the next one says.
+TEST(AlignDepth, RightDepthStaysWhereMostPairsAreOfPlacesThatLookAlike) {
+  Rng rng = TestRng();
+  const auto exact = [](const PosedImage&, const Eigen::Vector2d&, double z) { return z; };
+  for (int i = 0; i < 8; ++i) {
+    const Room room(7, rng);
+    std::vector<ReferenceMatch> matches;
+    for (int a = 0; a < 7; ++a) {
+      for (int b = 0; b < 7; ++b) {
+        if (a == b) continue;
+        const auto pair = rng.Uniform() < 0.4
+                              ? room.Match(a, b, 60, 0.5, rng)
+                              : MatchesOfALookAlike(room, a, b, std::exp(rng.Uniform(-0.5, 0.5)),
+                                                    {640, 480}, 60, rng);
+        matches.insert(matches.end(), pair.begin(), pair.end());
+      }
+    }
+    EXPECT_EQ(Align(room, exact, matches, AlignMode::kAuto).alignment.mode, AlignMode::kOff);
   }
 }
 
