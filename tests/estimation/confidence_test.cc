@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -658,6 +659,32 @@ TEST(Support, WhatTheSceneHoldsTwiceIsDoubtful) {
       }
     }
   }
+}
+
+// A focal length that is found with the pose leaves open how far away all is, for either pose.
+TEST(Support, AlternativesKnowNoMoreOfTheLensThanThePose) {
+  Rng rng = TestRng();
+  CoherentProblem made = MakeCoherentProblem("twice", {.wrong = 0}, rng);
+  made.problem.matches_2d2d.clear();
+  for (Match2D3D& match : made.problem.matches_2d3d) {
+    match.match_2d2d.reset();
+    if (match.query_keypoint.value() % 2 == 0) match.point_in_world.x() += 3;
+  }
+  const auto variances = [&](double focal_range) {
+    made.problem.priors.focal_range = focal_range;
+    const PoseEstimate estimate = Estimate(made.problem);
+    const auto of_position = [](const std::optional<Matrix6d>& covariance) {
+      return covariance ? covariance->bottomRightCorner<3, 3>().trace() : 0;
+    };
+    EXPECT_EQ(estimate.alternatives.size(), 1U);
+    return std::pair(of_position(estimate.covariance),
+                     of_position(estimate.alternatives.front().covariance));
+  };
+  const auto [known, other_known] = variances(1);
+  const auto [found, other_found] = variances(1.2);
+  EXPECT_GT(other_known, 0);
+  EXPECT_GT(found, 2 * known);
+  EXPECT_GT(other_found, 2 * other_known);
 }
 
 // Each of three poses, which a third of the keypoints each speaks for, is right in one case of three.
