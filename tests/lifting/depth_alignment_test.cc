@@ -201,25 +201,29 @@ TEST(AlignDepth, RightDepthStaysWhereFewMatchesAreWrongTogether) {
 }
 
 // Where most pairs show two places that look alike, what one pair says of the depth is another thing
-// than what the next one says.
+// than what the next one says; of a fifth that is right, chance may once agree.
 TEST(AlignDepth, RightDepthStaysWhereMostPairsAreOfPlacesThatLookAlike) {
   Rng rng = TestRng();
   const auto exact = [](const PosedImage&, const Eigen::Vector2d&, double z) { return z; };
-  for (int i = 0; i < 3; ++i) {
+  const auto is_left_alone = [&](double right_share) {
     const Room room(7, rng);
     std::vector<ReferenceMatch> matches;
     for (int a = 0; a < 7; ++a) {
       for (int b = 0; b < 7; ++b) {
         if (a == b) continue;
-        const auto pair = rng.Uniform() < 0.4
+        const auto pair = rng.Uniform() < right_share
                               ? room.Match(a, b, 60, 0.5, rng)
                               : MatchesOfALookAlike(room, a, b, std::exp(rng.Uniform(-0.5, 0.5)),
                                                     {640, 480}, 60, rng);
         matches.insert(matches.end(), pair.begin(), pair.end());
       }
     }
-    EXPECT_EQ(Align(room, exact, matches, AlignMode::kAuto).alignment.mode, AlignMode::kOff);
-  }
+    return Align(room, exact, matches, AlignMode::kAuto).alignment.mode == AlignMode::kOff;
+  };
+  for (int i = 0; i < 2; ++i) EXPECT_TRUE(is_left_alone(0.4));
+  int left_alone = 0;
+  for (int i = 0; i < 4; ++i) left_alone += is_left_alone(0.2) ? 1 : 0;
+  EXPECT_GE(left_alone, 3);
 }
 
 TEST(AlignDepth, NamesTheReferencesWhoseFactorsAreNotTold) {
