@@ -35,6 +35,7 @@ Command AddColorCommand(CLI::App& program);
 Command AddFuseCommand(CLI::App& program);
 Command AddCalibrateCommand(CLI::App& program);
 Command AddLocateCommand(CLI::App& program);
+Command AddMapCommand(CLI::App& program);
 Command AddQueriesCommand(CLI::App& program);
 Command AddPrepareCommand(CLI::App& program);
 Command AddServeCommand(CLI::App& program);

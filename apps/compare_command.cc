@@ -165,7 +165,7 @@ void Check(const CompareFlags& flags) {
     throw OptionError("--ground-truth", flags.ground_truth.string(), "needs --queries");
   }
   if (!flags.queries.empty() && !flags.matching.hloc.Any()) {
-    if (flags.images.empty()) {
+    if (flags.images.empty() && !flags.references.HaveFeatures()) {
       throw OptionError("--queries", flags.queries.string(),
                         "needs --images, or hloc's --features, --matches and --pairs");
     }

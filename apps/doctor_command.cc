@@ -49,7 +49,8 @@ void Check(const DoctorFlags& flags) {
   flags.references.Check();
   flags.run.Check();
   flags.matching.Check({flags.geometry}, QueriesAre(flags));
-  RequireWithoutHloc(flags.matching.hloc, "--images is", !flags.images.empty());
+  RequireWithoutHloc(flags.matching.hloc, "--images is",
+                     !flags.images.empty() || flags.references.HaveFeatures());
   if (flags.queries.empty() && !flags.query_images.empty()) {
     throw OptionError("--query-images", flags.query_images.string(), "needs --queries");
   }

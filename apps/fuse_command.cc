@@ -46,7 +46,9 @@ struct FuseFlags {
   RunFlags run;
 
   // Whether references can be matched with each other, by which depth is corrected.
-  bool HaveMatches() const { return !images.empty() || matching.hloc.Any(); }
+  bool HaveMatches() const {
+    return !images.empty() || matching.hloc.Any() || references.HaveFeatures();
+  }
 };
 
 void Check(const FuseFlags& flags) {
@@ -72,7 +74,7 @@ void Check(const FuseFlags& flags) {
     throw OptionError("--align-depth does not go with --scene-calibration, which says it");
   }
   if (flags.align != AlignMode::kOff) {
-    RequireWithoutHloc(flags.matching.hloc, "--images is", !flags.images.empty());
+    RequireWithoutHloc(flags.matching.hloc, "--images is", flags.HaveMatches());
   }
 }
 

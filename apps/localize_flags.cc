@@ -63,7 +63,8 @@ void CheckReferences(const LocalizeFlags& flags) {
   flags.mesh_only.Check();
   CheckRerender(flags.mesh_only.rerender, flags.geometry.specs, !flags.QueryImages().empty());
   if (!flags.RendersReferences()) {
-    RequireWithoutHloc(flags.matching.hloc, "--images is", !flags.images.empty());
+    RequireWithoutHloc(flags.matching.hloc, "--images is",
+                       !flags.images.empty() || flags.references.HaveFeatures());
     return;
   }
   RequireMeshOnly(flags.geometry.specs, flags.matching.hloc.Any() ? "--features" : "--images",

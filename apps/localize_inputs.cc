@@ -188,6 +188,9 @@ std::optional<WorldFrame> WorldOf(const std::optional<WorldFrame>& given, Scene&
 }
 
 Scene WithKnownCalibration(const LocalizeFlags& flags, Scene scene) {
+  if (scene.calibration != nullptr && flags.geometry.align != AlignMode::kAuto) {
+    throw OptionError("--align-depth does not go with a packed map whose calibration says it");
+  }
   if (flags.scene_calibration.empty()) return scene;
   const auto calibration = ReadSceneCalibration(flags.scene_calibration);
   try {

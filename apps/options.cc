@@ -8,6 +8,7 @@
 #include "apps/program.h"
 #include "base/input_paths.h"
 #include "estimation/fields.h"
+#include "io/map/packed_map.h"
 #include "lifting/fields.h"
 #include <fmt/format.h>
 
@@ -146,6 +147,8 @@ void CheckSubsampling(const Subsampling& subsampling) {
                       fmt::format("must be below --every, {}", subsampling.every));
   }
 }
+
+bool ReferenceFlags::HaveFeatures() const { return IsPackedMap(model); }
 
 LoadedReferences ReferenceFlags::Load() const { return LoadReferences(model, subsampling, poses); }
 

@@ -67,6 +67,8 @@ struct ReferenceFlags {
 
   // Throws OptionError.
   void Check() const { CheckSubsampling(subsampling); }
+  // Whether they are a packed map's, whose features stand for photographs.
+  bool HaveFeatures() const;
   LoadedReferences Load() const;
   // What a scene with these references is opened by.
   SceneOptions Scene(const std::filesystem::path& images, std::vector<std::string> geometry,

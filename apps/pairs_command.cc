@@ -45,7 +45,8 @@ RetrievalOptions Resolve(const PairsFlags& flags) {
   options.top_k = flags.top_k;
   options.threads = flags.run.threads;
   options.show_progress = !flags.run.quiet;
-  if (options.method == RetrievalMethod::kVlad && flags.images.empty()) {
+  if (options.method == RetrievalMethod::kVlad && flags.images.empty() &&
+      !flags.references.HaveFeatures()) {
     throw OptionError("--retrieval vlad needs --images");
   }
   if (!flags.geometry.empty() && options.method != RetrievalMethod::kOverlap) {

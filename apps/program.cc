@@ -105,7 +105,8 @@ constexpr KnownCommand kCommands[] = {
     {AddExportCommand, kLocalize},   {AddColorCommand, kRender},
     {AddPrepareCommand, kLocalize},  {AddCalibrateCommand, kLocalize},
     {AddFuseCommand, kRender},       {AddServeCommand, kLocalize},
-    {AddQueriesCommand, kLocalize},  {AddLocateCommand, kLocalize}};
+    {AddQueriesCommand, kLocalize},  {AddLocateCommand, kLocalize},
+    {AddMapCommand, kLocalize}};
 
 constexpr std::string_view kExitStatus = R"(.SH EXIT STATUS
 .TP

@@ -10,6 +10,7 @@
 #include <mutex>
 #include <unordered_map>
 
+#include "io/map/packed_map.h"
 #include "lifting/depth_bundle.h"
 #include "lifting/depth_convention.h"
 #include <fmt/format.h>
@@ -140,10 +141,14 @@ std::optional<path> FindBundle(const path& place, const std::vector<std::string>
 }
 
 std::string DescribeStored(const StoredDepth& stored, const std::optional<DepthBundle>& bundle,
-                           const DepthConvention& convention) {
-  std::string text = bundle ? bundle->Description()
-                            : fmt::format("{} {} {} x {}", ToString(stored.format),
-                                          stored.sample_type, stored.width_px, stored.height_px);
+                           bool is_packed, const DepthConvention& convention) {
+  std::string text =
+      bundle ? bundle->Description()
+             : fmt::format("{} {} x {}",
+                           is_packed ? "16 bits of the logarithm"
+                                     : fmt::format("{} {}", ToString(stored.format),
+                                                   stored.sample_type),
+                           stored.width_px, stored.height_px);
   text += fmt::format(", {}", ToString(convention.kind));
   if (!stored.layer.empty()) text += fmt::format(", layer {}", stored.layer);
   if (convention.sensor) text += ", registered into the photograph's camera";
@@ -162,8 +167,9 @@ struct DepthFolder::Impl {
 
   path folder;
   DepthConvention convention;
-  std::optional<DepthBundle> bundle;
-  FilesByImage files;  // where there is no bundle
+  std::optional<PackedMap> packed;    // all that there is, or
+  std::optional<DepthBundle> bundle;  // the maps of many images, or
+  FilesByImage files;
   size_t max_cache_bytes = 0;
 
   mutable std::mutex mutex;
@@ -194,6 +200,7 @@ struct DepthFolder::Impl {
   }
 
   bool Has(const std::string& name) const {
+    if (packed) return packed->HasDepth(name);
     return bundle ? bundle->Has(name) : files.contains(name);
   }
 
@@ -232,12 +239,24 @@ struct DepthFolder::Impl {
     return scale;
   }
 
+  void OpenPacked(std::span<const PosedImage> references) {
+    packed.emplace(folder);
+    if (std::ranges::none_of(references, [&](const PosedImage& r) { return Has(r.name); })) {
+      throw InputError(folder, "the packed map has no depth of any of the references");
+    }
+  }
+
   // The file that holds a reference's map.
   const path& FileOf(const PosedImage& reference) const {
+    if (packed) return packed->file();
     return bundle ? bundle->file() : files.at(reference.name);
   }
 
   StoredDepth ReadStored(const PosedImage& reference) const {
+    if (packed) {
+      DepthMap map = packed->ReadDepth(reference.name);
+      return {map.width_px, map.height_px, std::move(map.z), DepthFileFormat::kRaw, "float32", {}, {}};
+    }
     return bundle ? bundle->Map(reference)
                   : ReadDepthFile(files.at(reference.name), ReadOptions(reference.camera));
   }
@@ -343,9 +362,14 @@ DepthFolder::DepthFolder(path folder, DepthConvention convention,
   impl_->folder = std::move(folder);
   impl_->convention = std::move(convention);
   impl_->max_cache_bytes = max_cache_bytes;
-  const auto bundle = FindBundle(impl_->folder, impl_->convention.bundle.files);
+  const bool is_packed = IsPackedMap(impl_->folder);
+  const auto bundle = is_packed ? std::nullopt
+                                : FindBundle(impl_->folder, impl_->convention.bundle.files);
   std::string found_at;
-  if (bundle) {
+  if (is_packed) {
+    found_at = impl_->folder.string();
+    impl_->OpenPacked(references);
+  } else if (bundle) {
     found_at = bundle->string();
     DepthBundle::Scale scale = impl_->OpenBundle(*bundle, references);
     if (!scale.found.empty()) understood_ = ", " + scale.found;
@@ -381,7 +405,7 @@ DepthFolder::DepthFolder(path folder, DepthConvention convention,
 // Says how the maps are read, by the first one.
 void DepthFolder::LookAt(const PosedImage& first) {
   const StoredDepth stored = impl_->ReadStored(first);
-  understood_ = DescribeStored(stored, impl_->bundle, impl_->convention) + understood_;
+  understood_ = DescribeStored(stored, impl_->bundle, impl_->packed.has_value(), impl_->convention) + understood_;
   const std::string file = impl_->FileOf(first).string();
   if (stored.sample_type == "uint8") {
     throw InputError(file, "expected depth in 16 bits or floats, found 8 bits");

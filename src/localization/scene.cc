@@ -4,12 +4,14 @@
 #include <string_view>
 #include <utility>
 
+#include "io/map/packed_map.h"
 #include "localization/retrieval/covisibility.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/scene_file.h"
+#include "raylift/localization/scene_calibration.h"
 #include "raylift/views/rendered_references.h"
 
 namespace raylift {
@@ -77,13 +79,29 @@ void OpenGeometry(Scene& scene, const std::string& spec, const SceneOptions& opt
   scene.sources.push_back(std::move(opened));
 }
 
+namespace {
+
+// Takes what a packed map knows of its depth, where that is the geometry.
+Scene WithPackedCalibration(Scene scene) {
+  const std::filesystem::path& model = scene.references.model;
+  if (scene.sources.size() != 1 || !IsPackedMap(model) ||
+      !scene.sources.front().spec.starts_with("depth:" + model.string())) {
+    return scene;
+  }
+  const std::string text = PackedMap(model).ReadCalibration();
+  if (text.empty()) return scene;
+  return Calibrated(scene, std::make_shared<const SceneCalibration>(ParseSceneCalibration(text)));
+}
+
+}  // namespace
+
 Scene OpenScene(const SceneOptions& options) {
   Scene scene;
   scene.model_poses = options.model_poses;
   scene.images = options.images;
   LoadModel(scene, options.model, options.subsampling);
   for (const std::string& spec : options.geometry) OpenGeometry(scene, spec, options);
-  return scene;
+  return WithPackedCalibration(std::move(scene));
 }
 
 SceneOptions SceneOptionsOf(const SceneFile& file, std::span<const std::string> geometries) {
@@ -142,12 +160,17 @@ std::vector<size_t> Keep(const std::filesystem::path& model, const std::vector<P
 
 LoadedReferences LoadReferences(const std::filesystem::path& model, const Subsampling& subsampling,
                                 PoseConvention poses) {
-  ColmapModel colmap = ReadColmapModel(model);
   LoadedReferences loaded;
-  loaded.warnings = std::move(colmap.warnings);
-  loaded.covisibility = std::make_shared<const Covisibility>(colmap);
   loaded.references.model = model;
-  std::vector<PosedImage> images = colmap.PosedImages();
+  std::vector<PosedImage> images;
+  if (IsPackedMap(model)) {
+    images = PackedMap(model).references();
+  } else {
+    ColmapModel colmap = ReadColmapModel(model);
+    loaded.warnings = std::move(colmap.warnings);
+    loaded.covisibility = std::make_shared<const Covisibility>(colmap);
+    images = colmap.PosedImages();
+  }
   for (PosedImage& image : images) image.cam_from_world = CamFromWorld(image.cam_from_world, poses);
   if (images.empty()) {
     throw InputError(model, "the model has no images with a pose");

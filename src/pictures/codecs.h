@@ -31,6 +31,11 @@ Image DecodePng(std::string_view bytes);
 Image DecodeBmp(std::string_view bytes);
 Image DecodePnm(std::string_view bytes);
 Image DecodeTiff(std::string_view bytes);
+// Of this size, where one is expected.
+Image DecodeWebp(std::string_view bytes, std::optional<PlaneSize> expected = std::nullopt);
+
+// WebP without loss, of RGB; nullopt where a side has more than its 16383 pixels.
+std::optional<std::string> EncodeWebp(const Image& image);
 
 // ---- planes of numbers in TIFF files, by libtiff ----
 

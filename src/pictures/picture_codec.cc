@@ -1,9 +1,12 @@
 #include "pictures/picture_codec.h"
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <cstdlib>
 #include <limits>
+#include <memory>
+#include <new>
 #include <span>
 #include <sstream>
 #include <stdexcept>
@@ -12,17 +15,20 @@
 #include "pictures/codecs.h"
 #include <fmt/format.h>
 #include <webp/decode.h>
+#include <webp/encode.h>
 
 #include "raylift/base/error.h"
 
 namespace raylift {
-namespace {
 
-Image DecodeWebp(std::string_view bytes) {
+Image DecodeWebp(std::string_view bytes, std::optional<PlaneSize> expected) {
   const auto* data = reinterpret_cast<const uint8_t*>(bytes.data());
   int width = 0, height = 0;
   if (WebPGetInfo(data, bytes.size(), &width, &height) == 0) {
     throw std::runtime_error("its header is damaged");
+  }
+  if (expected && *expected != PlaneSize{width, height}) {
+    throw std::runtime_error(fmt::format("its picture is of {} x {} pixels", width, height));
   }
   Image image = BlankImage(width, height, 3);
   if (WebPDecodeRGBInto(data, bytes.size(), image.data.data(), image.data.size(), 3 * width) ==
@@ -31,6 +37,19 @@ Image DecodeWebp(std::string_view bytes) {
   }
   return image;
 }
+
+std::optional<std::string> EncodeWebp(const Image& image) {
+  RAYLIFT_CHECK_EQ(image.channels, 3);
+  if (std::max(image.width_px, image.height_px) > WEBP_MAX_DIMENSION) return std::nullopt;
+  uint8_t* encoded = nullptr;
+  const size_t size = WebPEncodeLosslessRGB(image.data.data(), image.width_px, image.height_px,
+                                            3 * image.width_px, &encoded);
+  const std::unique_ptr<uint8_t, decltype(&WebPFree)> owner(encoded, &WebPFree);
+  if (size == 0) throw std::bad_alloc();
+  return std::string(reinterpret_cast<const char*>(encoded), size);
+}
+
+namespace {
 
 Image ToRgb(const Image& image) {
   if (image.channels == 3) return image;

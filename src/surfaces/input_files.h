@@ -9,6 +9,8 @@
 #include <string_view>
 #include <vector>
 
+#include "base/mapped_file.h"
+
 namespace raylift {
 
 // Lists the files that "a.ply+b.obj", "tiles/*.ply" or a folder (all files with these extensions in
@@ -24,23 +26,6 @@ std::string Shown(std::string_view token);
 
 // The path that a URI without a scheme says: "%2e" is a dot, and a backslash is taken for a slash.
 std::string DecodedUri(std::string_view uri);
-
-// A file in memory, read page by page as it is looked at.
-class MappedFile {
- public:
-  // Throws InputError where the file is missing, a folder or not readable.
-  explicit MappedFile(const std::filesystem::path& path);
-  ~MappedFile();
-  MappedFile(const MappedFile&) = delete;
-  MappedFile& operator=(const MappedFile&) = delete;
-
-  // Valid as long as the object lives and the file is not cut short by others.
-  std::string_view contents() const { return {data_, size_}; }
-
- private:
-  const char* data_ = nullptr;
-  size_t size_ = 0;
-};
 
 // Gives back the memory of a part of a mapped file's contents, which comes back from the file if
 // it is looked at again.

@@ -1,8 +1,10 @@
-// hloc's files, and those of other matchers.
+// hloc's files, those of other matchers, and packed maps.
 
 #include <array>
 
 #include "fuzz/fuzz_targets.h"
+#include "io/map/map_codec.h"
+#include "io/map/packed_map.h"
 #include "io/scene/pair_pixels.h"
 #include "support/match_file.h"
 
@@ -17,15 +19,19 @@ void ReadFeatures(std::string_view bytes) {
   for (const std::string& name : file.ImageNames()) file.Read(name);
 }
 
-std::vector<std::string> FeatureSeeds() {
+Features TwoFeatures() {
   Features features;
   features.image_width_px = 64;
   features.image_height_px = 48;
   features.keypoints_px = {{1.5, 2.5}, {3, 4}};
   features.descriptors = Eigen::MatrixXf::Constant(4, 2, 0.5f);
   features.scores = {0.5f, 1};
+  return features;
+}
+
+std::vector<std::string> FeatureSeeds() {
   const auto file = ScratchFolder() / "seed.h5";
-  WriteFeatureFile(file, {{"a/b.jpg", features}}, true);
+  WriteFeatureFile(file, {{"a/b.jpg", TwoFeatures()}}, true);
   return {TakeFile(file)};
 }
 
@@ -60,10 +66,50 @@ std::string PairSeed(const std::string& name) {
   return TakeFile(file);
 }
 
+std::string DepthSeed() { return EncodeDepth({3, 2, {0, 1, 2, 2, 1.5f, 4}}); }
+
+std::vector<std::string> FeatureEntrySeeds() {
+  std::vector<std::string> seeds;
+  for (const auto precision : AllValues<DescriptorPrecision>()) {
+    seeds.push_back(EncodeFeatures(TwoFeatures(), precision));
+  }
+  return seeds;
+}
+
+void ReadMap(std::string_view bytes) {
+  const PackedMap map(PutFile("scene.raymap", bytes));
+  for (const PosedImage& image : map.references()) {
+    if (map.HasDepth(image.name)) map.ReadDepth(image.name);
+    if (map.HasFeatures(image.name)) map.ReadFeatures(image.name);
+  }
+  map.ReadRetrieval();
+  map.ReadCalibration();
+}
+
+std::vector<std::string> MapSeeds() {
+  const auto file = ScratchFolder() / "seed.raymap";
+  const Camera camera(CameraModel::kPinhole, 64, 48, std::vector<double>{50, 50, 32, 24});
+  WritePackedMap(file, {.header = {},
+                        .references = {{"a.jpg", camera, {}}},
+                        .has_depth = {true},
+                        .has_features = {true},
+                        .depth = [](size_t) { return DepthSeed(); },
+                        .features = [](size_t) { return FeatureEntrySeeds().front(); },
+                        .retrieval = PackedRetrieval{Eigen::MatrixXf::Ones(2, 2),
+                                                     Eigen::MatrixXf::Ones(4, 1)}});
+  return {TakeFile(file)};
+}
+
 }  // namespace
 
 std::vector<FuzzTarget> FeatureFuzzTargets() {
   return {
+      {"packed_map", ReadMap, MapSeeds,
+       "PK map.json references.txt retrieval depth/ features/ format descriptors seed"},
+      {"map_depth", [](std::string_view bytes) { DecodeDepth("map", "depth", bytes); },
+       [] { return std::vector<std::string>{DepthSeed()}; }, "RIFF WEBPVP8L"},
+      {"map_features", [](std::string_view bytes) { DecodeFeatures("map", "features", bytes); },
+       FeatureEntrySeeds},
       {"hloc_features", ReadFeatures, FeatureSeeds, "keypoints scores descriptors image_size"},
       {"hloc_global", ReadGlobal, GlobalSeeds, "global_descriptor"},
       {"hloc_matches", ReadMatchesOfHloc, MatchSeeds, "matches0 matching_scores0"},

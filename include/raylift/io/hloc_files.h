@@ -24,10 +24,10 @@
 
 namespace raylift {
 
-// features.h5: one (nested) group per image name.
+// features.h5: one (nested) group per image name; or the features of a packed map.
 class FeatureFile {
  public:
-  // Opens for reading; throws InputError where it is missing or no HDF5 file.
+  // Opens for reading; throws InputError where it is missing or neither of these.
   explicit FeatureFile(const std::filesystem::path& path);
   ~FeatureFile();
   FeatureFile(FeatureFile&&) noexcept;

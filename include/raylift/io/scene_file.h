@@ -19,7 +19,8 @@
 //   [provenance]                     # any strings
 //   dataset = "7scenes"
 //
-// Only `format` is required. Paths are relative to the file.
+// Only `format` is required. Paths are relative to the file. A packed map (mapping/map_packing.h) is
+// a scene file, too: of its references and their depth.
 
 #pragma once
 

@@ -7,6 +7,8 @@
 
 #include <Eigen/Core>
 
+#include "raylift/base/enum_names.h"
+
 namespace raylift {
 
 // One row per keypoint. Pixels are COLMAP's (the first pixel's center is (0.5, 0.5)).
@@ -20,6 +22,16 @@ struct Features {
   // Standard deviation of the keypoints in pixels, as hloc's attribute "uncertainty".
   float uncertainty_px = 1.0f;
 };
+
+// How precisely descriptors are kept where room is short.
+enum class DescriptorPrecision { kExact, kBytes, kCompact };
+template <>
+inline constexpr auto kEnumNames<DescriptorPrecision> =
+    std::to_array<EnumName<DescriptorPrecision>>({
+        {DescriptorPrecision::kExact, "exact", "", "as they are"},
+        {DescriptorPrecision::kBytes, "bytes", "", "8 bits a value, as in COLMAP's databases"},
+        {DescriptorPrecision::kCompact, "compact", "", "8 levels a value"},
+    });
 
 struct FeatureMatch {
   int query_index;

@@ -1,6 +1,9 @@
 #include "io/binary/zip_archive.h"
 
 #include <algorithm>
+#include <cstring>
+#include <exception>
+#include <utility>
 
 #include "base/read_limits.h"
 #include "io/depth/depth_formats.h"
@@ -8,6 +11,7 @@
 #include <zip.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/file.h"
 
 namespace raylift {
 namespace {
@@ -157,6 +161,99 @@ std::string MakeZip(const path& file, const std::string& name, const std::string
   Require(zip_close(archive.get()) == 0, file, archive.get());
   static_cast<void>(archive.release());  // closed
   return TakeBytes(file, target.get());
+}
+
+namespace {
+
+// What libzip asks for an entry's bytes.
+struct LazyEntry {
+  const ZipEntry* entry;
+  std::exception_ptr* failure;  // of any entry: no exception may pass through libzip
+  std::string contents = {};
+  size_t position = 0;
+};
+
+zip_int64_t Answer(LazyEntry& lazy, void* data, zip_uint64_t size, zip_source_cmd_t command) {
+  switch (command) {
+    case ZIP_SOURCE_OPEN:
+      lazy.contents = lazy.entry->contents();
+      lazy.position = 0;
+      return 0;
+    case ZIP_SOURCE_READ: {
+      const size_t count = std::min<size_t>(size, lazy.contents.size() - lazy.position);
+      std::memcpy(data, lazy.contents.data() + lazy.position, count);
+      lazy.position += count;
+      return static_cast<zip_int64_t>(count);
+    }
+    case ZIP_SOURCE_CLOSE:
+      lazy.contents = {};
+      return 0;
+    case ZIP_SOURCE_STAT: {
+      auto& stat = *static_cast<zip_stat_t*>(data);
+      zip_stat_init(&stat);  // the size is not known yet
+      return sizeof(stat);
+    }
+    case ZIP_SOURCE_ERROR: {
+      const int codes[] = {ZIP_ER_INTERNAL, 0};
+      std::memcpy(data, codes, sizeof(codes));
+      return sizeof(codes);
+    }
+    case ZIP_SOURCE_SUPPORTS:
+      return ZIP_SOURCE_SUPPORTS_READABLE;
+    case ZIP_SOURCE_FREE:
+      return 0;
+    default:
+      return -1;
+  }
+}
+
+zip_int64_t AnswerSafely(void* lazy, void* data, zip_uint64_t size, zip_source_cmd_t command) {
+  auto& entry = *static_cast<LazyEntry*>(lazy);
+  try {
+    return Answer(entry, data, size, command);
+  } catch (...) {
+    *entry.failure = std::current_exception();
+    return -1;
+  }
+}
+
+}  // namespace
+
+void WriteZip(const path& file, std::span<const ZipEntry> entries) {
+  AtomicFile target(file);
+  int code = ZIP_ER_OK;
+  ZipHandle archive(
+      zip_open(target.temporary_path().c_str(), ZIP_CREATE | ZIP_TRUNCATE, &code));
+  const auto fail = [&](const std::string& why) {
+    throw OutputError(file, fmt::format("cannot be written: {}", why));
+  };
+  if (archive == nullptr) {
+    ZipError error;
+    zip_error_init_with_code(error.get(), code);
+    fail(error.text());
+  }
+  std::exception_ptr failure;
+  std::vector<LazyEntry> lazy;
+  lazy.reserve(entries.size());
+  const auto require = [&](bool good) {
+    if (failure) std::rethrow_exception(failure);
+    if (!good) fail(zip_error_strerror(zip_get_error(archive.get())));
+  };
+  for (const ZipEntry& entry : entries) {
+    lazy.push_back({&entry, &failure});
+    zip_source_t* source = zip_source_function(archive.get(), AnswerSafely, &lazy.back());
+    require(source != nullptr);
+    const zip_int64_t index =
+        zip_file_add(archive.get(), entry.name.c_str(), source, ZIP_FL_ENC_UTF_8);
+    if (index < 0) zip_source_free(source);
+    require(index >= 0);
+    const auto number = static_cast<zip_uint64_t>(index);
+    require(zip_set_file_compression(archive.get(), number, ZIP_CM_STORE, 0) == 0);
+    require(zip_file_set_dostime(archive.get(), number, 0, kDosDate1980, 0) == 0);
+  }
+  require(zip_close(archive.get()) == 0);
+  static_cast<void>(archive.release());  // closed
+  target.Commit();
 }
 
 }  // namespace raylift

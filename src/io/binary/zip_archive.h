@@ -3,7 +3,9 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <memory>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -36,5 +38,15 @@ enum class ZipMethod { kStore, kDeflate };
 // An archive of one entry; the same contents give the same bytes, as its time is that of 1980.
 std::string MakeZip(const std::filesystem::path& path_for_messages, const std::string& name,
                     const std::string& contents, ZipMethod method);
+
+struct ZipEntry {
+  std::string name;                       // UTF-8
+  std::function<std::string()> contents;  // asked for once, in the entries' order
+};
+
+// Writes the entries as they are, one after the other, so that they need not be in memory together.
+// The file appears complete or not at all. Throws OutputError where it cannot be written, and what
+// an entry throws.
+void WriteZip(const std::filesystem::path& path, std::span<const ZipEntry> entries);
 
 }  // namespace raylift

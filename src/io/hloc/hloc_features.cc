@@ -2,9 +2,11 @@
 #include <array>
 #include <cmath>
 #include <mutex>
+#include <optional>
 #include <set>
 
 #include "io/hloc/hdf5_file.h"
+#include "io/map/packed_map.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -147,8 +149,15 @@ std::string DatasetOf(const std::string& image_name) { return image_name + "/glo
 }  // namespace
 
 struct FeatureFile::Impl {
-  explicit Impl(const std::filesystem::path& path) : file(path) {}
-  Hdf5Reader file;
+  explicit Impl(const std::filesystem::path& path) {
+    if (IsPackedMap(path)) {
+      map.emplace(path);
+    } else {
+      file.emplace(path);
+    }
+  }
+  std::optional<PackedMap> map;
+  std::optional<Hdf5Reader> file;  // where it is no map
   mutable std::mutex mutex;
   std::set<std::string> coarse_images;
 };
@@ -159,15 +168,22 @@ FeatureFile::FeatureFile(FeatureFile&&) noexcept = default;
 FeatureFile& FeatureFile::operator=(FeatureFile&&) noexcept = default;
 
 std::vector<std::string> FeatureFile::ImageNames() const {
-  return impl_->file.GroupsWith("keypoints");
+  if (!impl_->map) return impl_->file->GroupsWith("keypoints");
+  std::vector<std::string> names;
+  for (const PosedImage& image : impl_->map->references()) {
+    if (impl_->map->HasFeatures(image.name)) names.push_back(image.name);
+  }
+  return names;
 }
 
 bool FeatureFile::Contains(const std::string& image_name) const {
-  return impl_->file.Has(image_name + "/keypoints");
+  return impl_->map ? impl_->map->HasFeatures(image_name)
+                    : impl_->file->Has(image_name + "/keypoints");
 }
 
 Features FeatureFile::Read(const std::string& image_name) const {
-  const Hdf5Reader& file = impl_->file;
+  if (impl_->map) return impl_->map->ReadFeatures(image_name);
+  const Hdf5Reader& file = *impl_->file;
   CheckHas(file, image_name);
   Features features;
   const Hdf5Kind keypoint_kind = ReadKeypoints(file, image_name, &features);
@@ -184,8 +200,9 @@ Features FeatureFile::Read(const std::string& image_name) const {
 }
 
 PlaneSize FeatureFile::ReadImageSize(const std::string& image_name) const {
-  CheckHas(impl_->file, image_name);
-  return SizeOf(impl_->file, image_name);
+  if (impl_->map) return impl_->map->SizeOf(image_name);
+  CheckHas(*impl_->file, image_name);
+  return SizeOf(*impl_->file, image_name);
 }
 
 std::vector<std::string> FeatureFile::Warnings() const {
@@ -196,7 +213,7 @@ std::vector<std::string> FeatureFile::Warnings() const {
   return {fmt::format(
       "{}: the keypoints are float16, which rounds them to 0.5 px beyond 512 px "
       "and to 1 px beyond 1024 px: {} images are that large, e.g. \"{}\"",
-      impl_->file.path().string(), impl_->coarse_images.size(), *impl_->coarse_images.begin())};
+      impl_->file->path().string(), impl_->coarse_images.size(), *impl_->coarse_images.begin())};
 }
 
 void WriteFeatureFile(const std::filesystem::path& path,

@@ -6,6 +6,7 @@
 #include <string_view>
 #include <vector>
 
+#include "io/map/packed_map.h"
 #include "io/text/line_tokens.h"
 #include "io/text/toml_file.h"
 #include <fmt/format.h>
@@ -128,7 +129,16 @@ std::map<std::string, Value> ReadByName(const path& file, std::string_view field
 
 }  // namespace
 
-SceneFile ReadSceneFile(const path& file) { return SceneReader(file).Read(); }
+SceneFile ReadSceneFile(const path& file) {
+  if (!IsPackedMap(file)) return SceneReader(file).Read();
+  const MapHeader header = PackedMap(file).header();
+  SceneFile scene;
+  scene.name = file.stem().string();
+  scene.references = file;
+  scene.crs = header.crs;
+  scene.geometries = {{"map", fmt::format("depth:{}{}", file.string(), header.depth_keys)}};
+  return scene;
+}
 
 void WriteSceneFile(const path& file, const SceneFile& scene) {
   const auto relative = [folder = FolderOf(file)](const path& target) {

@@ -271,6 +271,15 @@ std::vector<Input> MissingIn(const Cache& cache, const std::vector<Input>& input
   return missing;
 }
 
+bool IsPacked(const ImageFile& image, const FeatureCacheOptions& options) {
+  return options.packed != nullptr && options.packed->Contains(image.name);
+}
+
+std::vector<Input> InputsOf(std::vector<ImageFile> images, const FeatureCacheOptions& options) {
+  std::erase_if(images, [&](const ImageFile& image) { return IsPacked(image, options); });
+  return InputsOf(images);
+}
+
 }  // namespace
 
 Features ExtractAsStored(const Image& photograph, const FeatureCacheOptions& options) {
@@ -294,8 +303,11 @@ std::shared_ptr<const FeatureStore> ExtractOrReadFeatures(const std::vector<Imag
     auto first = known.extract(known.begin());
     store->Add(first.key(), std::move(first.mapped()));
   }
-  if (images.empty()) return store;
-  const std::vector<Input> inputs = InputsOf(images);
+  for (const ImageFile& image : images) {
+    if (IsPacked(image, options)) store->Add(image.name, options.packed, {});
+  }
+  const std::vector<Input> inputs = InputsOf(images, options);
+  if (inputs.empty()) return store;
   if (options.folder.empty()) {
     Progress progress("images", inputs.size(),
                       options.show_progress ? Progress::Show::kAuto : Progress::Show::kNever);
@@ -316,7 +328,7 @@ std::shared_ptr<const FeatureStore> ExtractOrReadFeatures(const std::vector<Imag
 
 FeatureCount PrepareFeatures(const std::vector<ImageFile>& images, const Shard& shard,
                              const FeatureCacheOptions& options) {
-  const std::vector<Input> inputs = InputsOf(images);
+  const std::vector<Input> inputs = InputsOf(images, options);
   FeatureCount count{.images = inputs.size()};
   Cache cache(options);
   {

@@ -76,6 +76,8 @@ struct FeatureCacheOptions {
   std::string extractor_name = {};
   int threads;
   bool show_progress;
+  // Features that are read from here in place of photographs, where it has them.
+  std::shared_ptr<const FeatureFile> packed = nullptr;
 };
 
 // The features of all images beside those that are `known`: read from `folder`/features.h5

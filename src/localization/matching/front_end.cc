@@ -9,6 +9,7 @@
 #include <string>
 #include <utility>
 
+#include "io/map/packed_map.h"
 #include "localization/matching/feature_store.h"
 #include "localization/matching/file_matches.h"
 #include "localization/matching/pixel_matches.h"
@@ -52,31 +53,54 @@ std::vector<ImageFile> ImagesOf(const FrontEndOptions& options, const ReferenceS
   return files;
 }
 
-FeatureCacheOptions CacheOf(const FrontEndOptions& options) {
+FeatureCacheOptions CacheOf(const FrontEndOptions& options, const std::filesystem::path& model) {
   return {.folder = options.cache,
           .max_features = options.max_features,
           .extractor = options.extractor,
           .extractor_name = options.extractor_name,
           .threads = options.threads,
-          .show_progress = options.show_progress};
+          .show_progress = options.show_progress,
+          .packed = IsPackedMap(model) ? std::make_shared<const FeatureFile>(model) : nullptr};
 }
 
-VladIndex IndexOf(const std::vector<PosedImage>& references, const FeatureStore& features,
-                  const FrontEndOptions& options) {
+// The vectors that a packed map has of these references; nullopt where the model is none.
+std::optional<VladVectors> PackedVectors(const std::filesystem::path& model,
+                                         std::span<const std::string> references) {
+  if (!IsPackedMap(model)) return std::nullopt;
+  const PackedMap map(model);
+  auto retrieval = map.ReadRetrieval();
+  if (!retrieval) return std::nullopt;
+  VladVectors vectors{{std::move(retrieval->words)}, {}};
+  vectors.of_references.resize(retrieval->vectors.rows(),
+                               static_cast<Eigen::Index>(references.size()));
+  for (size_t i = 0; i < references.size(); ++i) {
+    const auto found = std::ranges::lower_bound(map.references(), references[i], {},
+                                                &PosedImage::name);
+    vectors.of_references.col(static_cast<Eigen::Index>(i)) =
+        retrieval->vectors.col(found - map.references().begin());
+  }
+  return vectors;
+}
+
+VladIndex IndexOf(const std::filesystem::path& model, const std::vector<PosedImage>& references,
+                  const FeatureStore& features, const FrontEndOptions& options) {
   std::vector<std::string> names = NamesOf(references);
-  VladVectors vectors =
-      ComputeOrReadVladVectors(names, features, options.cache, options.seed, options.threads);
-  return {std::move(names), std::move(vectors)};
+  auto vectors = PackedVectors(model, names);
+  if (!vectors) {
+    vectors =
+        ComputeOrReadVladVectors(names, features, options.cache, options.seed, options.threads);
+  }
+  return {std::move(names), *std::move(vectors)};
 }
 
 class FrontEndMatches final : public MatchSource {
  public:
   FrontEndMatches(const FrontEndOptions& options, const ReferenceSet& references,
                   const std::vector<Query>& queries)
-      : options_(options), references_(references.images) {
+      : options_(options), model_(references.model), references_(references.images) {
     for (const PosedImage& image : references_) reference_names_.insert(image.name);
-    features_ = ExtractOrReadFeatures(ImagesOf(options, references, queries), CacheOf(options),
-                                      std::move(options_.features));
+    features_ = ExtractOrReadFeatures(ImagesOf(options, references, queries),
+                                      CacheOf(options, model_), std::move(options_.features));
     for (const Query& query : queries) {
       RequireSizeOf(query.camera, query.name, features_->SizeOf(query.name),
                     options_.query_images / query.name);
@@ -95,7 +119,7 @@ class FrontEndMatches final : public MatchSource {
   }
 
   QueryMatches MatchPhotograph(const Query& query, const Image& photograph) const override {
-    return MatchInMemory(query, &photograph, ExtractAsStored(photograph, CacheOf(options_)));
+    return MatchInMemory(query, &photograph, ExtractAsStored(photograph, CacheOf(options_, {})));
   }
 
   QueryMatches MatchFeatures(const Query& query, const Features& features) const override {
@@ -220,7 +244,7 @@ class FrontEndMatches final : public MatchSource {
   const std::shared_ptr<const VladIndex>& Index() const {
     std::call_once(index_is_made_, [this] {
       index_ = std::make_shared<const VladIndex>(
-          ReadOpened([this] { return IndexOf(references_, *features_, options_); }));
+          ReadOpened([this] { return IndexOf(model_, references_, *features_, options_); }));
     });
     return index_;
   }
@@ -257,6 +281,7 @@ class FrontEndMatches final : public MatchSource {
   }
 
   FrontEndOptions options_;
+  std::filesystem::path model_;  // of the references
   std::vector<PosedImage> references_;
   std::set<std::string> reference_names_;
   WarningSet warnings_;
@@ -271,19 +296,19 @@ class FrontEndMatches final : public MatchSource {
 
 RetrievedLists RetrieveByVlad(std::span<const Query> queries, const ReferenceSet& references,
                               const FrontEndOptions& options) {
-  const auto features =
-      ExtractOrReadFeatures(ImagesOf(options, references, queries), CacheOf(options));
-  return RetrieveByVlad(IndexOf(references.images, *features, options), NamesOf(queries), *features,
-                        options.top_k, options.threads);
+  const auto features = ExtractOrReadFeatures(ImagesOf(options, references, queries),
+                                              CacheOf(options, references.model));
+  return RetrieveByVlad(IndexOf(references.model, references.images, *features, options),
+                        NamesOf(queries), *features, options.top_k, options.threads);
 }
 
 FeatureCount PrepareFrontEnd(const FrontEndOptions& options, const ReferenceSet& references,
                              const std::vector<Query>& queries, const Shard& shard, bool for_vlad) {
-  const FeatureCount count =
-      PrepareFeatures(ImagesOf(options, references, queries), shard, CacheOf(options));
+  const FeatureCacheOptions cache = CacheOf(options, references.model);
+  const FeatureCount count = PrepareFeatures(ImagesOf(options, references, queries), shard, cache);
   if (count.missing > 0 || !for_vlad) return count;
-  const auto features = ExtractOrReadFeatures(ImagesOf(options, references, {}), CacheOf(options));
-  IndexOf(references.images, *features, options);  // keeps its vectors
+  const auto features = ExtractOrReadFeatures(ImagesOf(options, references, {}), cache);
+  IndexOf(references.model, references.images, *features, options);  // keeps its vectors
   return count;
 }
 

@@ -1,0 +1,226 @@
+// raylift map: a scene in one file.
+
+#include <cstddef>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "apps/argument_files.h"
+#include "apps/commands.h"
+#include "apps/interrupt.h"
+#include "apps/options.h"
+#include "base/progress.h"
+#include "io/map/packed_map.h"
+#include "localization/matching/feature_store.h"
+#include <fmt/format.h>
+
+#include "raylift/base/error.h"
+#include "raylift/base/file.h"
+#include "raylift/base/text.h"
+#include "raylift/io/hloc_files.h"
+#include "raylift/io/image_file.h"
+#include "raylift/lifting/geometry_spec.h"
+#include "raylift/localization/match_source.h"
+#include "raylift/localization/scene.h"
+#include "raylift/localization/scene_calibration.h"
+#include "raylift/mapping/map_packing.h"
+
+namespace raylift {
+
+enum class MapAction { kPack, kAdd, kRemove, kList };
+template <>
+inline constexpr auto kEnumNames<MapAction> = std::to_array<EnumName<MapAction>>({
+    {MapAction::kPack, "pack", "", "make a map of the references of --model"},
+    {MapAction::kAdd, "add", "", "add those of --model that it has not yet"},
+    {MapAction::kRemove, "remove", "", "take the references NAMES out"},
+    {MapAction::kList, "list", "", "print the names of its references"},
+});
+
+namespace {
+
+using std::filesystem::path;
+
+struct MapFlags {
+  MapAction action = MapAction::kPack;
+  path file;
+  std::vector<std::string> names;
+  ReferenceFlags references;
+  path images, features, cache, scene_calibration;
+  std::string geometry;
+  int max_features = FrontEndOptions{}.max_features;
+  MapOptions options;
+  RunFlags run;
+
+  bool Packs() const { return action == MapAction::kPack || action == MapAction::kAdd; }
+};
+
+void Check(const MapFlags& flags) {
+  flags.run.Check();
+  flags.references.Check();
+  const std::string action(ToString(flags.action));
+  if (flags.names.empty() == (flags.action == MapAction::kRemove)) {
+    throw OptionError(flags.names.empty() ? "map remove: expected NAMES of references"
+                                          : fmt::format("map {} takes no NAMES", action));
+  }
+  if (!flags.Packs()) {
+    RefuseWith("map " + action, {{"--model", !flags.references.model.empty()},
+                                 {"--geometry", !flags.geometry.empty()},
+                                 {"--images", !flags.images.empty()},
+                                 {"--features", !flags.features.empty()}});
+    return;
+  }
+  if (flags.references.model.empty()) {
+    throw OptionError(fmt::format("--model is required for map {}", action));
+  }
+  if (flags.geometry.empty()) {
+    throw OptionError(fmt::format("--geometry is required for map {}", action));
+  }
+  if (flags.images.empty() == flags.features.empty()) {
+    throw OptionError("--images or --features are required, one of them");
+  }
+  RequireAtLeast("--max-features", flags.max_features, 1);
+  if (flags.geometry.starts_with("sfm")) {
+    throw OptionError("--geometry", flags.geometry,
+                      "expected depth maps, a mesh, a point cloud or splats: the points of a model "
+                      "are no depth");
+  }
+}
+
+// Returns what a specification says of how depth is sampled and how far it is used, which is not
+// told by the depth itself.
+std::string SamplingKeys(const std::string& spec) {
+  std::string kept;
+  for (const std::string_view key : SplitBy(spec, ',')) {
+    for (const std::string_view name : {"interpolation=", "max_jump=", "first_sample_px=", "near=",
+                                        "far=", "max_incidence_deg=", "max_depth_jump="}) {
+      if (key.starts_with(name)) kept += fmt::format(",{}", key);
+    }
+  }
+  return kept;
+}
+
+// Returns what gives the features of a reference: a file, the cache, or its photograph.
+std::function<Features(const PosedImage&)> FeaturesOf(const MapFlags& flags, const Scene& scene) {
+  if (!flags.features.empty()) {
+    const auto file = std::make_shared<const FeatureFile>(flags.features);
+    return [file](const PosedImage& image) { return file->Read(image.name); };
+  }
+  if (flags.cache.empty()) {
+    return [&flags](const PosedImage& image) {
+      const Image photograph = ReadImage(flags.images / image.name, ImageChannels::kGray);
+      return ExtractFrontEndFeatures(photograph, flags.max_features);
+    };
+  }
+  std::vector<ImageFile> files;
+  for (const PosedImage& image : scene.references.images) {
+    files.push_back({image.name, flags.images / image.name});
+  }
+  const auto store = ExtractOrReadFeatures(files, {.folder = flags.cache,
+                                                   .max_features = flags.max_features,
+                                                   .threads = flags.run.threads,
+                                                   .show_progress = !flags.run.quiet});
+  return [store](const PosedImage& image) { return store->Get(image.name)->features; };
+}
+
+void Pack(const MapFlags& flags) {
+  RequireWritable(flags.file);
+  const Scene scene =
+      OpenScene(flags.references.Scene(flags.images, {flags.geometry}, flags.run.threads));
+  PrintWarnings(scene.warnings);
+  MapOptions options = flags.options;
+  options.depth_keys = SamplingKeys(flags.geometry);
+  if (!flags.scene_calibration.empty()) {
+    const auto calibration = ReadSceneCalibration(flags.scene_calibration);
+    Calibrated(scene, calibration);  // refuses that of another scene
+    options.calibration = FormatSceneCalibration(*calibration);
+  }
+  const NamedGeometry& geometry = scene.sources.front().geometry;
+  const auto features_of = FeaturesOf(flags, scene);
+  const ReferencesToPack references{
+      .images = scene.references.images,
+      .depth = [&geometry](const PosedImage& image) { return geometry.MapOf(image); },
+      .features =
+          [&](const PosedImage& image) {
+            Features features = features_of(image);
+            if (features.image_width_px > 0) {
+              RequireSizeOf(image.camera, image.name,
+                            {features.image_width_px, features.image_height_px},
+                            flags.images / image.name);
+            }
+            return features;
+          }};
+  Progress progress("references", references.images.size(), flags.run.Show());
+  const PackingHooks hooks{flags.run.threads, [&progress] { progress.Advance(); }};
+  size_t added = references.images.size();
+  if (flags.action == MapAction::kPack) {
+    PackMap(flags.file, references, options, hooks);
+  } else {
+    added = AddToMap(flags.file, references, hooks);
+  }
+  if (flags.run.quiet) return;
+  const auto bytes = std::filesystem::file_size(flags.file);
+  const size_t total = PackedMap(flags.file).references().size();
+  fmt::print("{} of {} references {}, {:.1f} MB, {:.0f} kB each: {}\n", added, total,
+             flags.action == MapAction::kPack ? "packed" : "added",
+             static_cast<double>(bytes) / 1e6, static_cast<double>(bytes) / 1e3 / total,
+             flags.file.string());
+}
+
+void Run(const MapFlags& flags) {
+  if (flags.Packs()) return Pack(flags);
+  if (flags.action == MapAction::kRemove) {
+    return RemoveFromMap(flags.file, flags.names, {.threads = flags.run.threads});
+  }
+  for (const PosedImage& image : PackedMap(flags.file).references()) {
+    fmt::print("{}\n", image.name);
+  }
+}
+
+}  // namespace
+
+Command AddMapCommand(CLI::App& program) {
+  auto flags = std::make_shared<MapFlags>();
+  CLI::App& command = AddCommand(program, "map", "A scene in one file, as --scene takes it");
+  const OptionGroup map(command, "Map");
+  map.Add("ACTION", flags->action, Descriptions<MapAction>()).Required().Default("");
+  map.Add("FILE", flags->file, "The map").Required();
+  map.Add("NAMES", flags->names, "References to remove");
+  AddSceneOption(command);
+  AddReferenceOptions(command, flags->references, /*model_is_required=*/false);
+  const OptionGroup references(command, "References");
+  references.Add("--images", flags->images,
+                 "Folder of the reference photographs, whose RootSIFT features are kept");
+  references.Add("--features", flags->features, "Instead, hloc's features.h5");
+  references.Add("--max-features", flags->max_features,
+                 "RootSIFT features per image, the strongest");
+  references.Add("--cache", flags->cache, "Where RootSIFT features are, or are kept");
+  references.Add("--descriptors", flags->options.descriptors,
+                 "How descriptors are kept (by pack):\n" + Descriptions<DescriptorPrecision>());
+  references.Add("--seed", flags->options.seed, "Of the vocabulary that references are found by");
+  AddModelPosesOption(command, flags->references);
+  const OptionGroup geometry(command, "Geometry");
+  geometry.Add("--geometry", flags->geometry, GeometryHelp());
+  geometry.Add("--scene-calibration", flags->scene_calibration,
+               "The file that calibrate or localize wrote, which is kept in the map (by\n"
+               "pack); without it each run against the map learns it anew");
+  geometry.Add("--crs", flags->options.crs,
+               "What the world's coordinates are, which is kept in the map (by pack)");
+  AddRunOptions(command, flags->run);
+  SetFooter(command,
+            R"(A map holds what `localize` needs of a scene: poses, each reference's depth in 16 bits of its
+logarithm (of a mesh, what the reference sees of it), features and what references are
+found by. It stands wherever --scene does.
+Example:
+  raylift map pack town.raymap --model sfm --images photos --geometry depth:maps
+  raylift localize --scene town.raymap --queries queries.txt --query-images new --out result)");
+  return {&command, [flags] {
+            Check(*flags);
+            UntilSignal([&] { Run(*flags); }, &BeginsAnew);
+          }};
+}
+
+}  // namespace raylift

@@ -1,0 +1,101 @@
+// A scene in one file, to be localized in elsewhere: references with their poses, their depth and
+// features, what they are retrieved by, and what was learned of the scene.
+//
+// The file is a ZIP archive of stored entries that is mapped into memory; an entry is read, against
+// its checksum, when it is asked for:
+//
+//   map.json          format "raylift-map/1", how descriptors are kept, how depth is sampled
+//   references.txt    name qw qx qy qz tx ty tz MODEL width height params..., sorted by name
+//   calibration.json  of the scene (scene_calibration.h), where it was known
+//   retrieval         a vocabulary and each reference's VLAD vector
+//   depth/NAME        z in 16 bits of its logarithm
+//   features/NAME     keypoints and descriptors
+//
+// The same contents have the same bytes, whatever way they came together.
+
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "raylift/scene/features.h"
+#include "raylift/scene/image.h"
+#include "raylift/scene/photographs.h"
+
+namespace raylift {
+
+// What references are retrieved by: a D x K vocabulary, whose words are columns, and a vector for
+// each reference, in their order.
+struct PackedRetrieval {
+  Eigen::MatrixXf words;
+  Eigen::MatrixXf vectors;
+};
+
+struct MapHeader {
+  DescriptorPrecision descriptors = DescriptorPrecision::kBytes;
+  uint64_t seed = 0;  // of the vocabulary
+  // What a specification of the depth says of its sampling, as ",first_sample_px=0"; may be empty.
+  std::string depth_keys = {};
+  std::string crs = {};  // as --crs takes it; may be empty
+};
+
+// Returns whether a file is a packed map, by its first bytes.
+bool IsPackedMap(const std::filesystem::path& file);
+
+// Thread safe.
+class PackedMap {
+ public:
+  // Throws InputError where it is no packed map, or damaged.
+  explicit PackedMap(const std::filesystem::path& file);
+  ~PackedMap();
+  PackedMap(PackedMap&&) noexcept;
+  PackedMap& operator=(PackedMap&&) noexcept;
+
+  const std::filesystem::path& file() const;
+  const MapHeader& header() const;
+  const std::vector<PosedImage>& references() const;  // sorted by name
+
+  // Throw InputError where there is none of that name, or it is damaged.
+  DepthMap ReadDepth(const std::string& reference) const;
+  Features ReadFeatures(const std::string& reference) const;
+  bool HasDepth(const std::string& reference) const;
+  bool HasFeatures(const std::string& reference) const;
+  PlaneSize SizeOf(const std::string& reference) const;  // of its photograph
+  // nullopt where no reference has features.
+  std::optional<PackedRetrieval> ReadRetrieval() const;
+  // JSON of the scene's calibration; empty where there is none.
+  std::string ReadCalibration() const;
+
+  // A reference's entries as they are, to be copied; empty where it has none.
+  std::string DepthBytes(const std::string& reference) const;
+  std::string FeatureBytes(const std::string& reference) const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+// What a map is written of. Entries are asked for one after the other.
+struct MapContents {
+  MapHeader header;
+  std::vector<PosedImage> references = {};  // sorted by name
+  std::string calibration = {};             // may be empty
+  // The entries of a reference, encoded (map_codec.h), and whether it has them.
+  std::vector<bool> has_depth = {};
+  std::vector<bool> has_features = {};
+  std::function<std::string(size_t reference)> depth = nullptr;
+  std::function<std::string(size_t reference)> features = nullptr;
+  std::optional<PackedRetrieval> retrieval = std::nullopt;
+};
+
+// The file appears complete or not at all: whoever reads the former one goes on reading it.
+void WritePackedMap(const std::filesystem::path& file, const MapContents& contents);
+
+}  // namespace raylift

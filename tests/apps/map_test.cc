@@ -1,0 +1,123 @@
+// raylift map: a scene in one file, in which localize finds the same poses.
+
+#include <unistd.h>
+
+#include <csignal>
+
+#include "apps/program.h"
+#include "base/rng.h"
+#include "support/matchers.h"
+#include "support/test_data.h"
+#include <gtest/gtest.h>
+
+#include "raylift/base/file.h"
+
+namespace raylift {
+namespace {
+
+namespace fs = std::filesystem;
+
+class Map : public ::testing::Test {
+ protected:
+  // Of depth maps of the room, a float each.
+  void SetUp() override {
+    ASSERT_TRUE(Succeeds(RunRaylift({"perturb", "--model", scene_.model(), "--geometry",
+                                     "mesh:" + scene_.mesh().string(), "--out", maps_})));
+  }
+
+  Arguments Pack(const char* action = "pack", const Arguments& more = {}) const {
+    return Arguments{"map",        action,           map_,        "--model",      scene_.model(),
+                     "--images",   scene_.images(),  "--quiet",   "--geometry",   Depth(),
+                     "--cache",    scene_.folder / "cache"} +
+           more;
+  }
+  std::string Depth() const { return "depth:" + maps_.string(); }
+  Arguments Localize(const std::string& out, const Arguments& scene) const {
+    return Arguments{"localize",          "--queries",      scene_.query_list(), "--quiet",
+                     "--query-images",    scene_.images(),  "--out",
+                     scene_.folder / out, "--no-doctor"} +
+           scene;
+  }
+  bool IsRight(const std::string& out) const {
+    return HoldsTruePoses(scene_.folder / out / "poses.txt", scene_.queries, 0.3, 0.02);
+  }
+
+  RoomScene scene_ = WriteRoomScene(TestFolder(), {.matches = false, .pictures = true});
+  fs::path maps_ = scene_.folder / "maps";
+  fs::path map_ = scene_.folder / "room.raymap";
+};
+
+TEST_F(Map, LocalizeFindsTheSamePosesInIt) {
+  for (const char* descriptors : {"exact", "bytes", "compact"}) {
+    ASSERT_TRUE(Succeeds(RunRaylift(Pack("pack", {"--descriptors", descriptors}))));
+    ASSERT_TRUE(Succeeds(RunRaylift(Localize(descriptors, {"--scene", map_}))));
+    EXPECT_TRUE(IsRight(descriptors)) << descriptors;
+  }
+}
+
+TEST_F(Map, WhatIsKnownOfTheSceneIsKept) {
+  const fs::path from_files = scene_.folder / "files";
+  ASSERT_TRUE(Succeeds(RunRaylift(Localize("files", {"--model", scene_.model(), "--geometry", Depth(),
+                                                     "--images", scene_.images()}))));
+  ASSERT_TRUE(Succeeds(RunRaylift(
+      Pack("pack", {"--scene-calibration", from_files / "scene_calibration.json"}))));
+  ASSERT_TRUE(Succeeds(RunRaylift(Localize("map", {"--scene", map_}))));
+  EXPECT_TRUE(IsRight("map"));
+  EXPECT_EQ(ReadFile(scene_.folder / "map/scene_calibration.json"),
+            ReadFile(from_files / "scene_calibration.json"));
+  EXPECT_TRUE(FailsWith(2, {"--align-depth", "packed map"},
+                        RunRaylift(Localize("align", {"--scene", map_, "--align-depth", "scale"}))));
+}
+
+TEST_F(Map, GrowsAndShrinksToTheSameBytes) {
+  ASSERT_TRUE(Succeeds(RunRaylift(Pack())));
+  const std::string whole = ReadFile(map_);
+  ASSERT_TRUE(Succeeds(RunRaylift(Pack("pack", {"--every", "2"}))));
+  const std::string half = ReadFile(map_);
+  ASSERT_TRUE(Succeeds(RunRaylift(Pack("add"))));
+  EXPECT_EQ(ReadFile(map_), whole);
+  const CommandResult list = RunRaylift({"map", "list", map_});
+  ASSERT_TRUE(Succeeds(list));
+  const std::vector<std::string> names = Lines(list.out);
+  ASSERT_EQ(names.size(), scene_.references.size());
+  ASSERT_TRUE(Succeeds(RunRaylift({"map", "remove", map_, names[1], names[3], names[5]})));
+  EXPECT_EQ(ReadFile(map_), half);
+}
+
+TEST_F(Map, KilledFiftyTimesItIsTheFormerOrTheNewOne) {
+  ASSERT_TRUE(Succeeds(RunRaylift(Pack())));
+  const std::string whole = ReadFile(map_);
+  ASSERT_TRUE(Succeeds(RunRaylift(Pack("pack", {"--every", "2"}))));
+  const std::string half = ReadFile(map_);
+  Rng rng = TestRng();
+  int former = 0, kills = 0;
+  for (int i = 0; i < 50; ++i) {
+    WriteFile(map_, half);
+    const pid_t process = StartRaylift(Pack("add"));
+    usleep(rng.UniformIndex(10'000 * static_cast<uint64_t>(1 + i)));
+    kill(process, SIGKILL);
+    kills += WaitFor(process) == 128 + SIGKILL ? 1 : 0;
+    const std::string found = ReadFile(map_);
+    former += found == half ? 1 : 0;
+    ASSERT_TRUE(found == half || found == whole) << i;
+  }
+  EXPECT_GT(kills, 10);
+  EXPECT_GT(former, 10);
+}
+
+TEST_F(Map, OptionsThatDoNotGoTogether) {
+  EXPECT_TRUE(FailsWith(2, {"NAMES"}, RunRaylift({"map", "remove", map_})));
+  EXPECT_TRUE(FailsWith(2, {"map list takes no NAMES"}, RunRaylift({"map", "list", map_, "a.jpg"})));
+  EXPECT_TRUE(FailsWith(2, {"--model is required"}, RunRaylift({"map", "pack", map_})));
+  EXPECT_TRUE(FailsWith(2, {"--images or --features"},
+                        RunRaylift({"map", "pack", map_, "--model", scene_.model(), "--geometry",
+                                    Depth()})));
+  EXPECT_TRUE(FailsWith(2, {"no depth"}, RunRaylift({"map", "pack", map_, "--model", scene_.model(),
+                                                     "--geometry", "sfm", "--images",
+                                                     scene_.images()})));
+  EXPECT_TRUE(FailsWith(3, {"room.raymap"}, RunRaylift({"map", "list", map_})));
+  EXPECT_TRUE(FailsWith(3, {"packed map"}, RunRaylift({"map", "list", scene_.query_list()})));
+}
+
+}  // namespace
+}  // namespace raylift
