@@ -88,17 +88,21 @@ def test_results_of_arrays(tmp_path: Path) -> None:
 
 
 def of_commands(tmp_path: Path) -> Iterator[tuple[Any, ...]]:
-    queries, truth = tmp_path / "queries.txt", tmp_path / "truth.txt"
+    queries, truth, odometry = (tmp_path / f"{name}.txt" for name in ("queries", "truth", "odometry"))
     photographs = raylift.ColmapModel.read(DEMO / "ground_truth").posed_images[:2]
     raylift.write_queries(queries, [(one.name, one.camera) for one in photographs])
     raylift.write_poses(truth, {one.name: one.cam_from_world for one in photographs})
     few: dict[str, Any] = {"max_features": 500, "queries": queries}
-    several: list[dict[str, Any]] = [{"method": "p3p"}, {"rerender": 1}]
+    world_from_odometry = raylift.Rigid3([0.5, 0.5, -0.5, 0.5], [3, -2, 1])
+    raylift.write_poses(odometry, {one.name: one.cam_from_world * world_from_odometry for one in photographs})
+    several: list[dict[str, Any]] = [{"method": "p3p"}, {"rerender": 1}, {"odometry": odometry}]
     for i, options in enumerate(several):
         summary = raylift.localize(tmp_path / str(i), scene=DEMO / "scene.toml", **few, **options)
         yield summary, _results.LocalizeSummary
-        for line in (tmp_path / str(i) / "queries.jsonl").read_text().splitlines():
-            yield json.loads(line), _results.QueryLine
+        lines = [json.loads(line) for line in (tmp_path / str(i) / "queries.jsonl").read_text().splitlines()]
+        roles = [line["walk"]["role"] for line in lines if "walk" in line]
+        assert roles == (["smoothed", "smoothed"] if "odometry" in options else [])
+        yield from ((line, _results.QueryLine) for line in lines)
     yield raylift.evaluate([tmp_path / "0/poses.txt", tmp_path / "1/poses.txt"], scene=DEMO / "scene.toml",
                            calibration=True), _results.Evaluation
     for geometry in MESH, MESH + ",axes=x/z/-y":

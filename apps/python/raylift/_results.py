@@ -434,6 +434,16 @@ class Session(_Session, total=False):
     scale: float
 
 
+class Walked(TypedDict):
+    """What a walk did with a photograph; single_*: its own result."""
+
+    role: str
+    time_s: Optional[float]
+    lost_before: bool
+    single_confidence: float
+    single_cam_from_world: Optional[WrittenPose]
+
+
 class _QueryLine(StageCounts):
     name: str
     status: str
@@ -465,6 +475,7 @@ class QueryLine(_QueryLine, total=False):
     covariance: List[List[float]]
     alternatives: List[WrittenAlternative]
     rerender_rounds_kept: int
+    walk: Walked
     session: Session
     geopose: Dict[str, Dict[str, float]]
 
