@@ -50,6 +50,15 @@ std::string ShellQuoted(const std::string& text) {
   return quoted + "'";
 }
 
+// What AddedOption::Names() kept; empty where it was not called.
+std::string KeptNames(CLI::Option& option) {
+  try {
+    return option.get_validator(0)->get_name();
+  } catch (const CLI::OptionNotFound&) {  // no validator
+    return {};
+  }
+}
+
 std::string WholeNumberError(std::string& text, bool is_unsigned) {
   if (const auto number = ParseUint(text)) {
     text = std::to_string(*number);
@@ -82,6 +91,11 @@ const AddedOption& AddedOption::Default(const std::string& text) const {
 }
 const AddedOption& AddedOption::Type(const std::string& name) const {
   option_->type_name(name);
+  return *this;
+}
+const AddedOption& AddedOption::Names(const std::vector<std::string>& names) const {
+  // Refuses nothing, but is kept with the option.
+  option_->check(CLI::Validator("").name(fmt::format("{}", fmt::join(names, "|"))));
   return *this;
 }
 const AddedOption& AddedOption::NotConfigurable() const {
@@ -131,9 +145,12 @@ template AddedOption OptionGroup::Add(const std::string&, std::vector<double>&,
 AddedOption OptionGroup::Add(const std::string& name, const NamedValue& value,
                              const std::string& help) const {
   return AddText(
-      name, WithNames(help, value.names()),
-      [name, value](const std::string& text) { value.Set(ParseName(name, text, value.names())); },
-      value.name());
+             name, WithNames(help, value.names()),
+             [name, value](const std::string& text) {
+               value.Set(ParseName(name, text, value.names()));
+             },
+             value.name())
+      .Names(value.names());
 }
 
 void OptionGroup::Add(std::span<const Field> fields) const {
@@ -263,6 +280,19 @@ void CheckNumbers(CLI::App& command) {
       });
     }
   }
+}
+
+std::map<std::string, std::string> KindsOfOptions(CLI::App& command) {
+  std::map<std::string, std::string> kinds;
+  for (CLI::Option* option : command.get_options()) {
+    if (option->get_positional()) continue;
+    std::string kind = KeptNames(*option);
+    if (kind.empty()) kind = option->get_type_name();
+    if (option->get_items_expected_max() == 0) kind = "FLAG";
+    if (option->get_items_expected_max() > 1) kind += " ...";
+    kinds[option->get_single_name()] = kind;
+  }
+  return kinds;
 }
 
 std::string CommandLine(const CLI::App& command) {

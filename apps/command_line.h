@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <optional>
 #include <span>
 #include <string>
@@ -34,6 +35,7 @@ class AddedOption {
   const AddedOption& Commas() const;     // values are separated by commas
   const AddedOption& Default(const std::string& text) const;  // for help and options.json
   const AddedOption& Type(const std::string& name) const;
+  const AddedOption& Names(const std::vector<std::string>& names) const;  // for KindsOfOptions()
   const AddedOption& NotConfigurable() const;  // it is in no file and not in options.json
 
  private:
@@ -148,6 +150,11 @@ void Translate(CLI::App& command, const std::string& option,
 // Makes options that are numbers take plain decimal ones only: CLI11 alone reads 010 as 8 and -1 as
 // the largest unsigned number.
 void CheckNumbers(CLI::App& command);
+
+// What each option of a command takes, by its name without dashes: "FLAG", "INT", "UINT", "FLOAT",
+// "TEXT" or, where that is all, names ("keep|merge|triangulate"); " ..." follows where it may be
+// repeated.
+std::map<std::string, std::string> KindsOfOptions(CLI::App& command);
 
 // "raylift COMMAND --option value ..." of all options that were given, also by files, as a shell
 // takes it.

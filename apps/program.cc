@@ -444,6 +444,15 @@ int RunProgram(const std::vector<std::string>& arguments) {
   return kDone;
 }
 
+std::map<std::string, std::map<std::string, std::string>> KindsOfCommands() {
+  const Program program = MakeProgram();
+  std::map<std::string, std::map<std::string, std::string>> kinds;
+  for (const Command& command : program.commands) {
+    kinds[NameOf(*command.app)] = KindsOfOptions(*command.app);
+  }
+  return kinds;
+}
+
 void RunCommand(const std::vector<std::string>& all_arguments) {
   const Program survey = MakeSurvey();
   std::vector<std::string> arguments = all_arguments;

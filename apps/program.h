@@ -2,6 +2,7 @@
 
 #pragma once
 
+#include <map>
 #include <string>
 #include <vector>
 
@@ -26,6 +27,9 @@ int RunProgram(const std::vector<std::string>& arguments);
 // The same, but errors leave it as they are (Interrupted among them), and what cannot be parsed as
 // an OptionError.
 void RunCommand(const std::vector<std::string>& arguments);
+
+// KindsOfOptions() of each command, by its name: Python's keywords are made of it.
+std::map<std::string, std::map<std::string, std::string>> KindsOfCommands();
 
 // The error's message in the words of the command line: "min_iterations = 0: ..." says
 // "--min-iterations = 0: ...".

@@ -178,6 +178,8 @@ void BindProgram(py::module_& module) {
         return WithoutLock([&] { return RunProgram(arguments); });
       },
       py::arg("arguments"), "The program `raylift`. Returns its exit code.");
+  module.def("kinds_of_options", &KindsOfCommands,
+             "What each option of each command takes; make_options.py makes _options.py of it.");
 }
 
 }  // namespace

@@ -248,9 +248,9 @@ def test_import(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("call, message", [
     (lambda: raylift.run("localise"), "localise"),
-    (lambda: raylift.evaluate("poses.txt", "truth", tresholds="1,2"), "tresholds"),
+    (lambda: raylift.evaluate("poses.txt", "truth", tresholds="1,2"), "tresholds"),  # type: ignore[call-arg]
     (lambda: raylift.render_dataset(MESH, "out", model="a", cameras="b"), "either model or cameras"),
-    (lambda: raylift.localize("out", model="m", queries="q", method="p9p"), "p9p"),
+    (lambda: raylift.localize("out", model="m", queries="q", method="p9p"), "p9p"),  # type: ignore[arg-type]
     (lambda: raylift.localize("out", model="m", queries="q", geometry="mesh:a", min_iterations=-3),
      "min_iterations = -3"),
     (lambda: raylift.import_dataset("9scenes", "a", "b"), "9scenes"),

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import raylift
-from raylift import _core, _types
+from raylift import _core, _options, _types
 from synthetic import CAMERA, Problem, some
 
 SOURCE = Path(os.environ["RAYLIFT_SOURCE"])
@@ -80,6 +80,24 @@ def test_stubs_are_those_of_the_module(tmp_path: Path) -> None:
     subprocess.run([sys.executable, PYTHON / "make_stubs.py", tmp_path], check=True)
     assert (tmp_path / "_core.pyi").read_text() == (PYTHON / "raylift/_core.pyi").read_text(), (
         "run apps/python/make_stubs.py")
+
+
+def test_options_are_those_of_the_program(tmp_path: Path) -> None:
+    subprocess.run([sys.executable, PYTHON / "make_options.py", tmp_path], check=True)
+    assert (tmp_path / "_options.py").read_text() == (PYTHON / "raylift/_options.py").read_text(), (
+        "run apps/python/make_options.py")
+
+
+@pytest.mark.parametrize("function, command", [
+    ("evaluate", "evaluate"), ("compare", "compare"), ("doctor", "doctor"), ("render_dataset", "render"),
+    ("color", "color"), ("import_dataset", "import"), ("experiment", "experiment"), ("localize", "localize"),
+    ("export", "export"), ("retrieve", "pairs")])
+def test_each_option_is_a_keyword_of_its_function(function: str, command: str) -> None:
+    shown = subprocess.run([sys.executable, "-m", "raylift", command, "--help"], text=True, capture_output=True)
+    names = {name.replace("-", "_") for name in re.findall(r"^  (?:-\w,)?--([\w-]+)", shown.stdout, re.MULTILINE)}
+    options = getattr(_options, function.title().replace("_", "") + "Options").__annotations__
+    keywords = set(inspect.signature(getattr(raylift, function)).parameters) & names
+    assert not keywords & set(options) and keywords | set(options) - {"progress"} == names - {"help", "help_files"}
 
 
 @pytest.mark.parametrize("options, call", [

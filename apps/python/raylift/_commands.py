@@ -7,12 +7,26 @@ import json
 import os
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, Sequence, Union, cast
+from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Union, cast
 
 from . import _core
 
 if TYPE_CHECKING:
-    from ._results import Comparison, Diagnosis, Evaluation, LocalizationTable, LocalizeSummary, RenderSummary
+    from typing_extensions import Unpack
+
+    from ._options import (
+        ColorOptions,
+        CompareOptions,
+        DoctorOptions,
+        EvaluateOptions,
+        ExperimentOptions,
+        ExportOptions,
+        ImportDatasetOptions,
+        LocalizeOptions,
+        RenderDatasetOptions,
+        RetrieveOptions,
+    )
+    from ._results import Comparison, Diagnosis, Evaluation, LocalizeSummary, RenderSummary
     from ._types import PathLike, PoseLike, Progress
 
 Poses = Union["PathLike", Mapping[str, Union["PoseLike", _core.LocalizedQuery]]]
@@ -67,32 +81,31 @@ def _json(file: PathLike) -> Any:
     return json.loads(Path(file).read_text(encoding="utf-8"))
 
 
-def evaluate(poses: Union[Poses, Sequence[Poses]], ground_truth: Optional[Poses] = None,
-             **options: Any) -> Evaluation:
+def evaluate(poses: Union[Poses, Sequence[Poses]], ground_truth: Optional[Poses] = None, *,
+             thresholds: Union[str, Sequence[Tuple[float, float]], None] = None,
+             json: Optional[PathLike] = None, **options: Unpack[EvaluateOptions]) -> Evaluation:
     """`raylift evaluate`: recalls and median errors of poses against the truth.
 
     poses, ground_truth: files, or dicts of poses (cam_from_world) or LocalizedQuery by name; of poses
-    also a list of these, one row of the table each. ground_truth may be a COLMAP model. options:
-    thresholds (pairs of position and degrees), names, groups, calibration, geometry (dense errors),
-    report, ... as of `raylift evaluate --help`.
+    also a list of these, one row of the table each. ground_truth may be a COLMAP model. thresholds:
+    pairs of position and degrees. json: file that keeps the table. options: names, groups,
+    calibration, geometry (dense errors), report, ... as of `raylift evaluate --help`.
 
     Returns the table, as the option --json writes it.
     """
     several: Sequence[Any] = poses if isinstance(poses, (list, tuple)) else [poses]
-    thresholds = options.get("thresholds")
     if isinstance(thresholds, (list, tuple)):
-        options["thresholds"] = ":".join(",".join(map(_text, pair)) for pair in thresholds)
+        thresholds = ":".join(",".join(map(_text, pair)) for pair in thresholds)
     with tempfile.TemporaryDirectory() as folder:
         files = [_pose_file(one, folder, f"poses_{i}.txt") for i, one in enumerate(several)]
-        if ground_truth is not None:
-            options["ground_truth"] = _pose_file(ground_truth, folder, "ground_truth.txt")
-        table = options.pop("json", Path(folder) / "table.json")
-        run("evaluate", poses=files, json=table, **options)
+        truth = None if ground_truth is None else _pose_file(ground_truth, folder, "ground_truth.txt")
+        table = json or Path(folder) / "table.json"
+        run("evaluate", poses=files, ground_truth=truth, thresholds=thresholds, json=table, **options)
         return cast("Evaluation", _json(table))
 
 
 def compare(model: PathLike, geometry: Union[Mapping[str, str], Sequence[str]],
-            out: Optional[PathLike] = None, **options: Any) -> Comparison:
+            out: Optional[PathLike] = None, **options: Unpack[CompareOptions]) -> Comparison:
     """`raylift compare`: which source of geometry is best, where, and what is wrong with the others.
 
     geometry: specifications ("depth:maps") by the names that tables call them by, or a list of them.
@@ -113,35 +126,38 @@ def compare(model: PathLike, geometry: Union[Mapping[str, str], Sequence[str]],
                 "localization": _json(localization) if localization.exists() else None}
 
 
-def doctor(model: PathLike, geometry: str, **options: Any) -> Diagnosis:
+def doctor(model: PathLike, geometry: str, *, json: Optional[PathLike] = None,
+           **options: Unpack[DoctorOptions]) -> Diagnosis:
     """`raylift doctor`: whether depth, mesh and poses are read as they were meant.
 
-    options: images, or features, matches and pairs, queries, ... as of `raylift doctor --help`.
+    json: file that keeps the diagnosis. options: images, or features, matches and pairs, queries, ...
+    as of `raylift doctor --help`.
 
     Returns the diagnosis as the option --json writes it: verdict, fault, summary, repair, readings.
     """
     with tempfile.TemporaryDirectory() as folder:
-        file = options.pop("json", Path(folder) / "diagnosis.json")
+        file = json or Path(folder) / "diagnosis.json"
         run("doctor", model=model, geometry=geometry, json=file, **options)
         return cast("Diagnosis", _json(file))
 
 
-def render_dataset(geometry: Union[str, Sequence[str]], out: PathLike, **options: Any) -> RenderSummary:
+def render_dataset(geometry: Union[str, Sequence[str]], out: PathLike, *,
+                   products: Union[str, Sequence[str], None] = None,
+                   **options: Unpack[RenderDatasetOptions]) -> RenderSummary:
     """`raylift render`: depth maps and other pictures of a mesh for every image of a data set.
 
-    geometry: "mesh:PATH" or a list. options: model or cameras, products, format, scale, resume, shard,
-    threads, ... as of `raylift render --help`.
+    geometry: "mesh:PATH" or a list. products: "depth,normals" or a list. options: model or cameras,
+    format, scale, resume, shard, threads, ... as of `raylift render --help`.
 
     Returns the summary that it writes.
     """
-    products = options.get("products")
     if isinstance(products, (list, tuple)):
-        options["products"] = ",".join(products)
-    run("render", geometry=geometry, out=out, **options)
+        products = ",".join(products)
+    run("render", geometry=geometry, out=out, products=products, **options)
     return cast("RenderSummary", _json(Path(out) / "summary.json"))
 
 
-def color(mesh: PathLike, out: PathLike, **options: Any) -> _core.Mesh:
+def color(mesh: PathLike, out: PathLike, **options: Unpack[ColorOptions]) -> _core.Mesh:
     """`raylift color`: vertex colors for a bare mesh, from photographs with poses.
 
     mesh: a file, or "mesh:PATH[,key=value...]". out: the colored mesh (PLY). options: model, images,
@@ -156,7 +172,8 @@ def color(mesh: PathLike, out: PathLike, **options: Any) -> _core.Mesh:
 colour = color  # its name in earlier versions
 
 
-def import_dataset(dataset: str, folder: PathLike, out: PathLike, **options: Any) -> List[Path]:
+def import_dataset(dataset: str, folder: PathLike, out: PathLike,
+                   **options: Unpack[ImportDatasetOptions]) -> List[Path]:
     """`raylift import`: scene files from one of the field's data sets ("7scenes", "cambridge", ...).
 
     Returns the scene files.
@@ -166,7 +183,7 @@ def import_dataset(dataset: str, folder: PathLike, out: PathLike, **options: Any
 
 
 def experiment(file: PathLike, out: PathLike, *, set: Optional[Mapping[str, str]] = None,
-               **options: Any) -> List[Dict[str, str]]:
+               **options: Unpack[ExperimentOptions]) -> List[Dict[str, str]]:
     """`raylift experiment`: many ways to localize, from one file; tables, figures and a page in `out`.
 
     set: values of ${NAME} in the file. options: datasets, own_features, threads, ...
@@ -181,7 +198,7 @@ def experiment(file: PathLike, out: PathLike, *, set: Optional[Mapping[str, str]
         return list(csv.DictReader(results))
 
 
-def localize(out: PathLike, **options: Any) -> LocalizeSummary:
+def localize(out: PathLike, **options: Unpack[LocalizeOptions]) -> LocalizeSummary:
     """`raylift localize`: poses of query photographs in a known scene, to files.
 
     options: model (or scene), geometry, queries (or leave_one_out=True), images, ... as of
@@ -194,7 +211,7 @@ def localize(out: PathLike, **options: Any) -> LocalizeSummary:
     return cast("LocalizeSummary", _json(Path(out) / "summary.json"))
 
 
-def export(form: str, poses: Poses, out: PathLike, **options: Any) -> Path:
+def export(form: str, poses: Poses, out: PathLike, **options: Unpack[ExportOptions]) -> Path:
     """`raylift export`: poses for other tools, form: "colmap", "glb", "hloc", "kapture", "kitti" or "tum".
 
     poses: folder of a run of localize, a pose file, or a dict of poses or LocalizedQuery by name. out:
@@ -208,7 +225,7 @@ def export(form: str, poses: Poses, out: PathLike, **options: Any) -> Path:
     return Path(out)
 
 
-def retrieve(out: PathLike, **options: Any) -> Dict[str, List[str]]:
+def retrieve(out: PathLike, **options: Unpack[RetrieveOptions]) -> Dict[str, List[str]]:
     """`raylift pairs`: which references look like each query, best first, written as hloc's pairs list.
 
     options: model, queries (or none: for each reference), images, retrieval ("vlad", "global", "pose",

@@ -82,7 +82,7 @@ FeaturesLike = Mapping[str, object]
 """Keypoints (N, 2) and descriptors (N, D)."""
 PhotographLike = Union[PathLike, numpy.typing.NDArray[numpy.uint8], FeaturesLike]
 SpecValue = Union[PathLike, float]
-"""What stands after key= in --geometry."""
+"""What stands after key= in --geometry, or as text after an option."""
 
 
 class Reconstruction(Protocol):
