@@ -50,7 +50,7 @@ TYPES = {
     "Localizer.leave_one_out": {"return": "dict[str, LocalizedQuery]"},
     "Localizer.localize": {"query": "_types.PhotographLike"},
     "Localizer.localize_all": {"return": "dict[str, LocalizedQuery]"},
-    "Mesh.read": {"files": "_types.PathLike | collections.abc.Sequence[_types.PathLike]"},
+    "Mesh.read": {"files": "_types.PathLike"},
     "PoseEstimate.alternatives": {"return": "list[_results.AlternativePose]"},
     "PoseEstimate.noise": {"return": "_results.Noise | None"},
     "RayCaster.cast": {"return": "_results.RayHits"},

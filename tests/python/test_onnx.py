@@ -9,8 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 import raylift
+from raylift import _results
 from scenes import DEMO, MESH, truth
 from synthetic import some
+from test_results import faults
 
 FLOAT, UINT8, INT64 = 1, 2, 7
 Value = tuple[str, int, Sequence[int | str]]
@@ -107,6 +109,7 @@ def runtime(request: pytest.FixtureRequest) -> None:
 
 def test_pixels_are_the_photographs(tmp_path: Path) -> None:
     found = raylift.onnx.Extractor(extractor_file(tmp_path))(photograph(size=1))
+    assert list(faults(found, _results.GraphFeatures)) == []
     assert sorted(map(tuple, found["keypoints"])) == sorted(map(tuple, SPOTS))
     assert (found["descriptors"][:, [3, 2]] == found["keypoints"]).all() and found["image_size"].tolist() == [64, 48]
 
@@ -125,7 +128,7 @@ def test_photographs_are_resized_edge_to_edge(tmp_path: Path, options: Any, grap
 
 
 def test_resizing_keeps_straight_lines_and_means() -> None:
-    ramp = np.repeat(np.arange(64, dtype=float)[None, :, None], 48, axis=0)
+    ramp = np.repeat(np.arange(64, dtype=np.float64)[None, :, None], 48, axis=0)
     for width in 32, 20, 128:
         middle = raylift.onnx._resized(ramp, width, 48)[0, 4:-4, 0]
         assert middle == pytest.approx((np.arange(width) + 0.5)[4:-4] * 64 / width - 0.5, abs=0.05)
@@ -146,9 +149,12 @@ def test_a_matcher_of_features(tmp_path: Path) -> None:
     first = {"keypoints": SPOTS[[0, 1, 2]], "descriptors": unit[[2, 0, 1]], "image_size": size}
     second = {"keypoints": SPOTS[[0, 1, 2]] + 1, "descriptors": unit[:3], "image_size": size}
     found = raylift.onnx.Matcher(file)(first, second)
+    assert found["matches"].dtype == np.int64 and found["scores"].dtype == np.float32
     assert found["matches"].reshape(-1).tolist() == [2, 0, 1] and found["scores"].tolist() == [1, 1, 1]
     centered = raylift.onnx.Matcher(file, centered_keypoints=True)
     assert centered._given(first) == pytest.approx((SPOTS + 0.5 - [32, 24]) / 32)
+    with pytest.raises(raylift.InputError, match="expected features of both photographs, a dict, found ndarray"):
+        centered(first, photograph())
     with pytest.raises(raylift.InputError, match="needs features with image_size"):
         centered({"keypoints": SPOTS, "descriptors": unit[:3]}, second)
 
@@ -208,7 +214,7 @@ def test_wrong_files_and_roles_are_input_errors(tmp_path: Path) -> None:
     with pytest.raises(raylift.InputError, match="expected a tensor of image0"):
         raylift.onnx.Matcher(file)(photograph(), photograph())
     with pytest.raises(raylift.InputError, match="image: expected a uint8 array"):
-        raylift.onnx.Extractor(file)(np.zeros((4, 4)))
+        raylift.onnx.Extractor(file)(np.zeros((4, 4)))  # type: ignore[arg-type]
 
 
 def upright_sift(file: Path, height: int, width: int, count: int = 1500) -> Path:

@@ -211,7 +211,8 @@ def test_no_wrong_argument_ends_the_process(tmp_path: Path) -> None:
 
 def test_a_path_that_is_none_is_named(tmp_path: Path) -> None:
     for call in (lambda: raylift.Scene(5), lambda: raylift.read_image(np.zeros((2, 2))),  # type: ignore[arg-type]
-                 lambda: raylift.Mesh.read(["a.ply"]), lambda: raylift.read_poses({})):  # type: ignore[arg-type]
+                 lambda: raylift.Mesh.read(["a.ply"]),  # type: ignore[arg-type]
+                 lambda: raylift.read_poses({})):  # type: ignore[arg-type]
         with pytest.raises(raylift.InputError, match=r"^(model|file|files): expected a path"):
             call()
 

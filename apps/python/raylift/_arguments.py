@@ -173,7 +173,7 @@ def _fault(signature: str, arguments: Sequence[Any], keywords: Mapping[str, Any]
     return None
 
 
-def explain(message: str, arguments: Sequence[Any], keywords: Mapping[str, Any]) -> str:
+def explain(message: str, arguments: Sequence[object], keywords: Mapping[str, object]) -> str:
     """pybind11's message of arguments that fit none of a function's signatures, in one line."""
     if "incompatible constructor" in message:
         arguments = arguments[1:]  # the first is what is being made

@@ -468,7 +468,7 @@ class Mesh:
     """
     __hash__: typing.ClassVar[None]  # type: ignore[assignment]
     @staticmethod
-    def read(files: raylift._types.PathLike | collections.abc.Sequence[raylift._types.PathLike], *, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> Mesh:
+    def read(files: raylift._types.PathLike, *, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> Mesh:
         """
         Reads PLY, OBJ, glTF, STL, ...: a file, "a.ply+b.obj", "tiles/*.ply", a folder, or
         "mesh:PATH[,key=value...]" as the option --geometry takes it.

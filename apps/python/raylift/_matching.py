@@ -14,17 +14,23 @@ import numpy as np
 from . import _core
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from ._types import Extractor, Matcher
+
+    Image = NDArray[np.uint8]
+    Numbers = NDArray[np.float64]
+    _Tensor = NDArray[Any]  # of a user's own
+    _Pixels = Tuple[Numbers, Numbers, Optional[Numbers]]
 
 _PIXELS = (("matched_kpts0", "matched_kpts1"), ("mkpts0", "mkpts1"), ("kpts0", "kpts1"),
            ("query2d", "reference2d"), ("keypoints0", "keypoints1"))
 _SCORES = ("scores", "mconf", "conf", "confidence", "match_confidence", "matching_scores0", "certainty")
-_Pixels = Tuple[np.ndarray, np.ndarray, Optional[np.ndarray]]
 # The features of so many photographs in files are kept.
 _MOST_FEATURES = 1000
 
 
-def _array(value: Any) -> np.ndarray:
+def _array(value: Any) -> _Tensor:
     """The array that a tensor or list holds, without the axis of a batch of one."""
     if isinstance(value, (list, tuple)) and len(value) == 1 and hasattr(value[0], "__array__"):
         return _array(value[0])
@@ -42,7 +48,7 @@ def _fail(who: str, expected: str, found: Any) -> NoReturn:
     raise _core.InputError(f"{who}: expected {expected}, found {what}")
 
 
-def _pixels(value: Any, who: str) -> np.ndarray:
+def _pixels(value: Any, who: str) -> Numbers:
     """Rows of pixels, be they OpenCV's KeyPoint."""
     if isinstance(value, (list, tuple)) and len(value) and hasattr(value[0], "pt"):
         value = [keypoint.pt for keypoint in value]
@@ -54,7 +60,7 @@ def _pixels(value: Any, who: str) -> np.ndarray:
     return rows[:, :2].astype(float)
 
 
-def _keypoints_and_descriptors(features: Any) -> Tuple[np.ndarray, Optional[np.ndarray]]:
+def _keypoints_and_descriptors(features: Any) -> Tuple[Numbers, Optional[_Tensor]]:
     expected = "a dict or pair of keypoints (N, 2) and descriptors (N, D)"
     if isinstance(features, Mapping) and "keypoints" in features:
         keypoints, descriptors = features["keypoints"], features.get("descriptors")
@@ -73,7 +79,7 @@ def _keypoints_and_descriptors(features: Any) -> Tuple[np.ndarray, Optional[np.n
     return pixels, rows
 
 
-def _extract_by(extractor: Extractor) -> Callable[[np.ndarray], Any]:
+def _extract_by(extractor: Extractor) -> Callable[[Image], Any]:
     """OpenCV's Feature2D, or any callable that takes a photograph."""
     if callable(extractor):
         return extractor
@@ -82,11 +88,11 @@ def _extract_by(extractor: Extractor) -> Callable[[np.ndarray], Any]:
     _fail("extractor", "a callable, or OpenCV's Feature2D", extractor)
 
 
-def extractor_of(extractor: Extractor) -> Callable[[np.ndarray], Dict[str, np.ndarray]]:
+def extractor_of(extractor: Extractor) -> Callable[[Image], Dict[str, NDArray[np.generic]]]:
     """What the module calls for the features of a photograph, one call at a time."""
     extract, lock = _extract_by(extractor), threading.RLock()
 
-    def features(image: np.ndarray) -> Dict[str, np.ndarray]:
+    def features(image: Image) -> Dict[str, NDArray[np.generic]]:
         with lock:
             keypoints, descriptors = _keypoints_and_descriptors(extract(image))
         if descriptors is None and len(keypoints):
@@ -96,7 +102,7 @@ def extractor_of(extractor: Extractor) -> Callable[[np.ndarray], Dict[str, np.nd
     return features
 
 
-def _mutual(matcher: Any, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def _mutual(matcher: Any, first: _Tensor, second: _Tensor) -> NDArray[np.int64]:
     """Indices (K, 2) of what OpenCV's DescriptorMatcher matches both ways."""
     back = {match.queryIdx: match.trainIdx for match in matcher.match(second, first)}
     pairs = [(m.queryIdx, m.trainIdx) for m in matcher.match(first, second) if back.get(m.trainIdx) == m.queryIdx]
@@ -104,7 +110,7 @@ def _mutual(matcher: Any, first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def _match_by(matcher: Matcher, of_features: bool) -> Callable[[Any, Any], Any]:
-    def by_descriptors(first: Any, second: Any) -> np.ndarray:
+    def by_descriptors(first: Any, second: Any) -> NDArray[np.int64]:
         both = [_keypoints_and_descriptors(features)[1] for features in (first, second)]
         found = [rows for rows in both if rows is not None and len(rows)]
         return _mutual(matcher, *found) if len(found) == 2 else np.zeros((0, 2), dtype=int)
@@ -116,7 +122,7 @@ def _match_by(matcher: Matcher, of_features: bool) -> Callable[[Any, Any], Any]:
     _fail("matcher", "a callable, or, with an extractor, OpenCV's DescriptorMatcher", matcher)
 
 
-def _of_indices(matches: np.ndarray, scores: Optional[np.ndarray], keypoints: Sequence[np.ndarray]) -> _Pixels:
+def _of_indices(matches: _Tensor, scores: Optional[_Tensor], keypoints: Sequence[Numbers]) -> _Pixels:
     """By rows (K, 2) of indices; or by (N,), the second keypoint of each first one or -1, with their scores."""
     pairs = matches.astype(int)
     if matches.ndim == 1:
@@ -131,7 +137,7 @@ def _of_indices(matches: np.ndarray, scores: Optional[np.ndarray], keypoints: Se
     return keypoints[0][pairs[:, 0]], keypoints[1][pairs[:, 1]], scores
 
 
-def _of_names(result: Mapping[str, Any], keypoints: Optional[Sequence[np.ndarray]]) -> _Pixels:
+def _of_names(result: Mapping[str, Any], keypoints: Optional[Sequence[Numbers]]) -> _Pixels:
     scores = next((_array(result[key]).reshape(-1) for key in _SCORES if result.get(key) is not None), None)
     named = next(([_pixels(result[name], "matcher") for name in pair] for pair in _PIXELS
                   if pair[0] in result and pair[1] in result), None)
@@ -144,7 +150,7 @@ def _of_names(result: Mapping[str, Any], keypoints: Optional[Sequence[np.ndarray
     return named[0], named[1], scores
 
 
-def _found(result: Any, keypoints: Optional[Sequence[np.ndarray]]) -> _Pixels:
+def _found(result: Any, keypoints: Optional[Sequence[Numbers]]) -> _Pixels:
     """The pixels and scores of what a matcher returned; `keypoints` are those of the features it was given."""
     if isinstance(result, Mapping):
         return _of_names(result, keypoints)
@@ -167,14 +173,15 @@ def _found(result: Any, keypoints: Optional[Sequence[np.ndarray]]) -> _Pixels:
     _fail("matcher", expected, rows if rows.ndim else result)
 
 
-def matcher_of(matcher: Matcher, extractor: Optional[Extractor] = None) -> Callable[..., List[_Pixels]]:
+def matcher_of(matcher: Matcher, extractor: Optional[Extractor] = None) -> Callable[
+        [str, Optional[Image], Sequence[str]], List[_Pixels]]:
     """What the module calls for the matches of a query with its references, one call at a time: with a
     query's pixels, or None and its file, and the names and files of the references."""
     match = _match_by(matcher, extractor is not None)
     extract = None if extractor is None else _extract_by(extractor)
     lock, kept = threading.RLock(), dict[str, Any]()
 
-    def seen(file: str, image: Optional[np.ndarray]) -> Any:
+    def seen(file: str, image: Optional[Image]) -> Any:
         """What the matcher takes of a photograph: its pixels, or its features."""
         if image is not None:
             return image if extract is None else extract(image)
@@ -196,7 +203,7 @@ def matcher_of(matcher: Matcher, extractor: Optional[Extractor] = None) -> Calla
                                    f"{len(first_px)}, {len(second_px)} and {len(first_px) if scores is None else len(scores)}")
         return first_px, second_px, scores
 
-    def matches(file: str, image: Optional[np.ndarray], references: Sequence[str]) -> List[_Pixels]:
+    def matches(file: str, image: Optional[Image], references: Sequence[str]) -> List[_Pixels]:
         with lock:
             query = seen(file, image)
             return [pair(query, seen(reference, None)) for reference in references]

@@ -8,6 +8,7 @@ from numpy import bool_, float32, float64, int64, uint8, uint32, uint64
 from numpy.typing import NDArray
 
 from . import _core
+from ._types import Descriptors
 
 
 class RayHits(TypedDict):
@@ -512,6 +513,30 @@ class LocalizeSummary(_LocalizeSummary, total=False):
 
     scene_noise: Dict[str, Union[float, KnownNoise]]
     rerender: Sharpened
+
+
+class _GraphFeatures(TypedDict):
+    keypoints: NDArray[float64]
+    descriptors: Descriptors
+    image_size: NDArray[int64]
+
+
+class GraphFeatures(_GraphFeatures, total=False):
+    """Of onnx.Extractor: a photograph's features, a row for each keypoint, and its (width, height)."""
+
+    scores: NDArray[float32]
+
+
+class GraphMatches(TypedDict):
+    """Of onnx.Matcher: those of these that there are. mkpts0 and mkpts1 are pixels that match, matches
+    are indices, of keypoints0 and keypoints1 or of the features that were given."""
+
+    mkpts0: NDArray[float64]
+    mkpts1: NDArray[float64]
+    keypoints0: NDArray[float64]
+    keypoints1: NDArray[float64]
+    matches: NDArray[int64]
+    scores: NDArray[float32]
 
 
 class _GivenMatches(TypedDict):

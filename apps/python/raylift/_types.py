@@ -92,18 +92,22 @@ class Reconstruction(Protocol):
 
 
 ModelLike = Union[PathLike, Reconstruction]
+HlocConfig = Mapping[str, Mapping[str, Mapping[str, float]]]
+"""hloc's: {"estimation": {"ransac": {"max_error": 12}}}."""
+Descriptors = Union[numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.uint8]]
+"""A row for each keypoint; those of bytes are compared by Hamming distance."""
 
 
 class OpenCvFeature2D(Protocol):
     """cv2.SIFT_create(), cv2.ORB_create() and others."""
 
-    def detectAndCompute(self, image: Any, mask: Any, /) -> object: ...
+    def detectAndCompute(self, image: numpy.typing.NDArray[numpy.uint8], mask: None, /) -> object: ...
 
 
 class OpenCvMatcher(Protocol):
     """cv2.BFMatcher and others."""
 
-    def match(self, query: Any, reference: Any, /) -> object: ...
+    def match(self, query: Descriptors, reference: Descriptors, /) -> object: ...
 
 
 Extractor = Union[Callable[[numpy.typing.NDArray[numpy.uint8]], object], OpenCvFeature2D]

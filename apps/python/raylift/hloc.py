@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
     from ._results import GivenMatches
-    from ._types import GeometryLike, HlocOptions, ModelLike, PathLike, Progress
+    from ._types import GeometryLike, HlocConfig, HlocOptions, ModelLike, PathLike, Progress
 
 _ALL_PAIRS = 2**31 - 1
 
@@ -61,11 +61,12 @@ def _log(result: _core.LocalizedQuery) -> Dict[str, Any]:
     }
 
 
-def _threshold(ransac_thresh: Optional[float], config: Optional[Mapping[str, Any]]) -> Optional[float]:
-    ransac = (config or {}).get("estimation", {}).get("ransac", {})
-    for name, part in [("config", dict(config or {}, estimation=0)),
-                       ("config, estimation, ransac", dict(ransac, max_error=0))]:
-        unknown = set(part) - {"estimation", "max_error"}
+def _threshold(ransac_thresh: Optional[float], config: Optional[HlocConfig]) -> Optional[float]:
+    config = config or {}
+    ransac = config.get("estimation", {}).get("ransac", {})
+    for name, part, known in [("config", config.keys(), "estimation"),
+                              ("config, estimation, ransac", ransac.keys(), "max_error")]:
+        unknown = part - {known}
         if unknown:
             raise _core.OptionError(f"{name}: there is no counterpart of {', '.join(sorted(unknown))}")
     value = ransac.get("max_error", ransac_thresh)
@@ -82,7 +83,7 @@ def localize(
     ransac_thresh: Optional[float] = None,
     covisibility_clustering: bool = False,
     prepend_camera_name: bool = False,
-    config: Optional[Mapping[str, Any]] = None,
+    config: Optional[HlocConfig] = None,
     *,
     geometry: Union[GeometryLike, Sequence[GeometryLike]] = "sfm",
     images: Optional[PathLike] = None,

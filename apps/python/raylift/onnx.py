@@ -20,19 +20,37 @@ most networks do, or 0.5. What it finds at x on a picture of the width w is
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Any, Dict, List, Mapping, NamedTuple, NoReturn, Optional, Sequence, Tuple
+from typing import (
+    TYPE_CHECKING,
+    Collection,
+    Dict,
+    List,
+    Mapping,
+    NamedTuple,
+    NoReturn,
+    Optional,
+    Sequence,
+    Tuple,
+    Union,
+    cast,
+)
 
 import numpy as np
 
 from . import _core
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
     from typing_extensions import Unpack
 
+    from ._results import GraphFeatures, GraphMatches
     from ._types import ModelOptions, PathLike
 
-    Array = NDArray[Any]
+    Image = NDArray[np.uint8]
+    Tensor = NDArray[np.generic]
+    Numbers = NDArray[np.float64]
+    Pixels = Union[NDArray[np.float32], NDArray[np.float64]]
+    Features = Mapping[str, ArrayLike]
 
 Roles = Optional[Mapping[str, str]]
 
@@ -50,11 +68,11 @@ _TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(do
 
 
 class _Picture(NamedTuple):
-    tensor: Array
-    scale: Array  # (2,) of the photograph's pixels to the tensor's
+    tensor: Pixels
+    scale: Numbers  # (2,) of the photograph's pixels to the tensor's
 
 
-def _taps(count: int, of: int) -> Tuple[Array, Array]:
+def _taps(count: int, of: int) -> Tuple[NDArray[np.int64], Numbers]:
     """The pixels (count, K) of `of` that each of `count` is made of, and their weights."""
     step = of / count
     width = max(1.0, step)
@@ -65,13 +83,13 @@ def _taps(count: int, of: int) -> Tuple[Array, Array]:
     return np.clip(pixels, 0, of - 1).astype(int), weights / weights.sum(axis=1, keepdims=True)
 
 
-def _resized(image: Array, width: int, height: int) -> Array:
+def _resized(image: Pixels, width: int, height: int) -> Pixels:
     for axis, count in ((0, height), (1, width)):
         if image.shape[axis] == count:
             continue
         pixels, weights = _taps(count, image.shape[axis])
         shape = (count, 1, 1) if axis == 0 else (1, count, 1)
-        image = np.asarray(sum(np.take(image, pixels[:, k], axis=axis) * weights[:, k].reshape(shape)
+        image = np.asarray(sum(image.take(pixels[:, k], axis=axis) * weights[:, k].reshape(shape)
                                for k in range(pixels.shape[1])))
     return image
 
@@ -108,7 +126,7 @@ class _Graph:
     def fail(self, message: str) -> NoReturn:
         raise _core.InputError(f"{self.file!s}: {message}")
 
-    def find(self, role: str, among: Mapping[str, Any], suffix: str = "") -> Optional[str]:
+    def find(self, role: str, among: Collection[str], suffix: str = "") -> Optional[str]:
         """The tensor of a role, such as "keypoints" with the suffix "0"."""
         given = self.roles.get(role + suffix)
         if given in among:
@@ -116,14 +134,14 @@ class _Graph:
         names = [name + suffix for name in _NAMES[role]]
         return next((name for name in names if name in among), None)
 
-    def need(self, role: str, among: Mapping[str, Any], suffix: str = "") -> str:
+    def need(self, role: str, among: Collection[str], suffix: str = "") -> str:
         found = self.find(role, among, suffix)
         if found is None:
             self.fail(f"expected a tensor of {role + suffix} ({', '.join(n + suffix for n in _NAMES[role])}), "
                       f"found {self.names()}; roles={{...}} names it")
         return found
 
-    def run(self, feeds: Mapping[str, Array]) -> Dict[str, Array]:
+    def run(self, feeds: Mapping[str, Tensor]) -> Dict[str, Tensor]:
         typed = {name: np.ascontiguousarray(value, _TYPES.get(self.inputs[name].type)) for name, value in feeds.items()}
         missing = [name for name in self.inputs if name not in typed]
         if missing:
@@ -133,7 +151,7 @@ class _Graph:
         except Exception as error:
             self.fail(" ".join(str(error).split()))
 
-    def picture(self, name: str, image: Array, longer_side: Optional[int]) -> _Picture:
+    def picture(self, name: str, image: Image, longer_side: Optional[int]) -> _Picture:
         image = np.asarray(image)
         if image.dtype != np.uint8 or image.ndim not in (2, 3):
             raise _core.InputError(f"image: expected a uint8 array of shape (height, width) or (height, width, 3), "
@@ -157,7 +175,7 @@ class _Graph:
                         np.array([new_width / width, new_height / height]))
 
 
-def _rows(values: Array, columns: Optional[int] = None) -> Array:
+def _rows(values: Tensor, columns: Optional[int] = None) -> Tensor:
     """Without the axis of the batch."""
     values = np.asarray(values)
     if values.ndim == 3 and len(values) == 1:
@@ -165,6 +183,10 @@ def _rows(values: Array, columns: Optional[int] = None) -> Array:
     if columns is not None and (values.ndim != 2 or values.shape[1] != columns):
         raise _core.InputError(f"expected a tensor (N, {columns}), found {values.shape}")
     return values
+
+
+def _list(values: Tensor) -> NDArray[np.float32]:
+    return np.asarray(values, np.float32).reshape(-1)
 
 
 class _Model:
@@ -184,7 +206,7 @@ class _Model:
     def __repr__(self) -> str:
         return f"<raylift.onnx.{type(self).__name__} {os.fspath(self._graph.file)!s}>"
 
-    def _picture(self, image: Array, suffix: str = "") -> Tuple[str, _Picture]:
+    def _picture(self, image: Image, suffix: str = "") -> Tuple[str, _Picture]:
         graph = self._graph
         name = graph.find("image", graph.inputs, suffix)
         if name is None and not suffix and len(graph.inputs) == 1:
@@ -193,14 +215,14 @@ class _Model:
             name = graph.need("image", graph.inputs, suffix)
         return name, graph.picture(name, image, self._longer_side)
 
-    def _of_photograph(self, pixels: Array, scale: Array) -> Array:
+    def _of_photograph(self, pixels: Tensor, scale: Numbers) -> Numbers:
         return (_rows(pixels, 2).astype(float) - self._first_pixel + 0.5) / scale - 0.5
 
 
 class Extractor(_Model):
     """A graph from a photograph to keypoints (N, 2) and descriptors (N, D) or (D, N), perhaps scores."""
 
-    def __call__(self, image: Array) -> Dict[str, Array]:
+    def __call__(self, image: Image) -> GraphFeatures:
         """The features of a photograph (H, W) or (H, W, 3), uint8, RGB: a dict with keypoints,
         descriptors, image_size (width, height) and, where there are any, scores."""
         graph = self._graph
@@ -215,10 +237,13 @@ class Extractor(_Model):
         if len(descriptors) != len(keypoints) or is_fixed == [True, False]:
             descriptors = descriptors.T
         height, width = np.asarray(image).shape[:2]
-        features = {"keypoints": keypoints, "descriptors": descriptors, "image_size": np.array([width, height])}
+        features: GraphFeatures = {
+            "keypoints": keypoints, "image_size": np.array([width, height], np.int64),
+            "descriptors": (np.asarray(descriptors, np.uint8) if descriptors.dtype == np.uint8
+                            else np.asarray(descriptors, np.float32))}
         scores = graph.find("scores", found)
         if scores is not None:
-            features["scores"] = np.asarray(found[scores]).reshape(-1)
+            features["scores"] = _list(found[scores])
         return features
 
 
@@ -234,13 +259,15 @@ class Matcher(_Model):
         super().__init__(file, **options)
         self._centered = centered_keypoints
 
-    def __call__(self, first: Any, second: Any) -> Dict[str, Array]:
+    def __call__(self, first: Union[Image, Features], second: Union[Image, Features]) -> GraphMatches:
         """From photographs: pixels and scores of both, as a dict. From features: indices and scores."""
         graph = self._graph
         if graph.find("keypoints", graph.inputs, "0") is None:
-            return self._match_photographs(first, second)
+            return self._match_photographs(cast("Image", first), cast("Image", second))
         feeds = {}
         for suffix, features in (("0", first), ("1", second)):
+            if not isinstance(features, Mapping):
+                graph.fail(f"expected features of both photographs, a dict, found {type(features).__name__}")
             for role in ("keypoints", "descriptors", "scores"):
                 name = graph.find(role, graph.inputs, suffix)
                 if name is None:
@@ -251,7 +278,7 @@ class Matcher(_Model):
                 feeds[name] = values[None] if len(graph.inputs[name].shape) == values.ndim + 1 else values
         return self._named(graph.run(feeds), None)
 
-    def _given(self, features: Mapping[str, Any]) -> Array:
+    def _given(self, features: Features) -> Numbers:
         """Keypoints as the graph takes them."""
         pixels = np.asarray(features["keypoints"], float)
         if not self._centered:
@@ -261,40 +288,41 @@ class Matcher(_Model):
         size = np.asarray(features["image_size"], float)
         return (pixels + 0.5 - size / 2) / (float(size.max()) / 2)
 
-    def _match_photographs(self, first: Array, second: Array) -> Dict[str, Array]:
+    def _match_photographs(self, first: Image, second: Image) -> GraphMatches:
         pictures = [self._picture(image, suffix) for image, suffix in ((first, "0"), (second, "1"))]
         found = self._graph.run({name: picture.tensor for name, picture in pictures})
         return self._named(found, [picture.scale for _, picture in pictures])
 
-    def _named(self, found: Mapping[str, Array], scales: Optional[List[Array]]) -> Dict[str, Array]:
+    def _named(self, found: Mapping[str, Tensor], scales: Optional[List[Numbers]]) -> GraphMatches:
         """By the names that Localizer knows."""
         graph = self._graph
-        result: Dict[str, Array] = {}
+        result: Dict[str, Tensor] = {}
         if scales is not None:
             for suffix, scale in zip("01", scales):
                 pixels = found[graph.need("keypoints", found, suffix)]
                 result[f"keypoints{suffix}"] = self._of_photograph(pixels, scale)
         scores = graph.find("scores", found) or graph.find("scores", found, "0")
         if scores is not None:
-            result["scores"] = np.asarray(found[scores]).reshape(-1)
+            result["scores"] = _list(found[scores])
         matches = graph.find("matches", found)
         if matches is not None:
             rows = np.asarray(found[matches])
             # Of a batch of one: (1, N), (1, K, 2), or rows that begin with its index.
             is_list = matches.endswith("0")
             rows = rows[0] if rows.ndim == 3 or (rows.ndim == 2 and is_list and len(rows) == 1) else rows
-            result["matches"] = rows[:, 1:] if rows.ndim == 2 and rows.shape[1] == 3 else rows
+            rows = rows[:, 1:] if rows.ndim == 2 and rows.shape[1] == 3 else rows
+            result["matches"] = rows.astype(np.int64)
         elif scales is None:
             graph.need("matches", found)
         else:
             result = {"mkpts0": result.pop("keypoints0"), "mkpts1": result.pop("keypoints1"), **result}
-        return result
+        return cast("GraphMatches", result)
 
 
 class GlobalDescriptor(_Model):
     """A graph from a photograph to one vector, by which photographs of one place are found."""
 
-    def __call__(self, image: Array) -> Array:
+    def __call__(self, image: Image) -> NDArray[np.float32]:
         """The vector of a photograph (D,), float32, of unit length."""
         graph = self._graph
         name, picture = self._picture(image)
