@@ -50,8 +50,8 @@ ScenePointer OpenModelScene(const ModelLike& model, const SourceList& geometry,
                        .threads = threads};
   RequireAtLeast("every", subsampling.every, 1);
   auto scene = WithoutLock([&] { return std::make_shared<Scene>(OpenScene(options)); });
+  AddSources(*scene, geometry, threads);  // "sfm" reads the model's points
   if (!written.is_none()) written.attr("cleanup")();
-  AddSources(*scene, geometry, threads);
   return scene;
 }
 

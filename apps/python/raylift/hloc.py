@@ -6,6 +6,7 @@ Neither hloc nor pycolmap is imported.
 from __future__ import annotations
 
 import pickle
+import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Dict, List, Mapping, Optional, Sequence, Union, cast
 
@@ -30,34 +31,84 @@ def _open_scene(reference: Union[_core.Scene, ModelLike], geometry: Sequence[Geo
     return _core.Scene(reference, list(geometry), images=images, threads=threads)
 
 
-def _log(result: _core.LocalizedQuery) -> Dict[str, Any]:
-    """What hloc logs of a query whose points are lifted, as hloc.localize_inloc does: the points have
-    no ids of a model, so each has its keypoint in a reference (-1: several)."""
-    problem, estimate = result.problem, result.estimate
-    pose = result.cam_from_world
-    inliers = estimate.inliers_2d3d
+def _read_model(reference: ModelLike) -> _core.ColmapModel:
+    if not hasattr(reference, "write"):
+        return _core.ColmapModel.read(reference)
+    with tempfile.TemporaryDirectory() as folder:
+        reference.write(folder)
+        return _core.ColmapModel.read(folder)
+
+
+class _Points:
+    """The points of a COLMAP model by where they are, and the ids of its images by name."""
+
+    def __init__(self, model: _core.ColmapModel) -> None:
+        self._model = model
+        self._image_ids = {model.image(image_id)["name"]: image_id for image_id in model.image_ids}
+        points = model.points3d
+        self._ids = {position.tobytes(): int(i) for i, position in zip(points["ids"], points["positions"])}
+
+    def log(self, problem: _core.PoseProblem) -> Optional[Dict[str, Any]]:
+        """What hloc.localize_sfm logs of points that have ids. hloc's viewer looks a point up in the tracks
+        of the references in `db`, of which it expects that each shows some: the others are left out.
+        None where a point is none of the model's."""
+        of_reference = [self._image_ids[image.name] for image in problem.references]
+        ids: List[int] = []
+        image_ids: List[int] = []
+        for position, reference in zip(problem.points3d, problem.point_references):
+            point = self._ids.get(position.tobytes())
+            if point is None or of_reference[reference] not in self._model.track(point)[:, 0]:
+                return None
+            ids.append(point)
+            image_ids.append(of_reference[reference])
+        db = list(dict.fromkeys(image_ids))
+        return {
+            "db": db,
+            "points3D_ids": ids,
+            "points3D_xyz": None,
+            "keypoint_index_to_db": (problem.point_keypoints.tolist(),
+                                     [(point, [db.index(i)]) for point, i in zip(ids, image_ids)]),
+        }
+
+
+def _log_of_pixels(problem: _core.PoseProblem) -> Dict[str, Any]:
+    """What hloc.localize_inloc logs of points that are lifted: they have no ids, so each has its keypoint
+    in a reference (-1: several)."""
     pair = problem.point_matches
     known = pair >= 0
     keypoints_db = np.full((len(pair), 2), np.nan)
     keypoints_db[known] = problem.reference2d[pair[known]]
     return {
         "db": [image.name for image in problem.references],
-        "PnP_ret": None if pose is None else {
-            "success": True,
-            "qvec": pose.qvec,
-            "tvec": pose.tvec,
-            "num_inliers": int(inliers.sum()),
-            "inliers": inliers,
-            "inlier_mask": inliers,
-            "covariance": estimate.covariance,
-            "confidence": result.confidence,
-            "verdict": result.verdict,
-        },
-        "keypoints_query": problem.points2d,
         "3d_points": problem.points3d,
         "keypoints_db": keypoints_db,
         "indices_db": np.where(known, problem.reference_index[pair], -1) if len(problem.query2d) else pair,
+    }
+
+
+def _log(result: _core.LocalizedQuery, points: Optional[_Points]) -> Dict[str, Any]:
+    """What hloc logs of a query, as hloc.visualization.visualize_loc reads it: with `reconstruction` where
+    the points are a model's, without where they are lifted."""
+    problem, estimate = result.problem, result.estimate
+    pose = result.cam_from_world
+    # hloc's viewer wants a mask of what was not localized, too.
+    inliers = estimate.inliers_2d3d if pose is not None else np.zeros(len(problem.points2d), bool)
+    found: Dict[str, Any] = {
+        "success": pose is not None,
+        "num_inliers": int(inliers.sum()),
+        "inliers": inliers,
+        "inlier_mask": inliers,
+        "confidence": result.confidence,
+        "verdict": result.verdict,
+    }
+    if pose is not None:
+        found.update(qvec=pose.qvec, tvec=pose.tvec, covariance=estimate.covariance)
+    of_model = None if points is None else points.log(problem)
+    return {
+        "PnP_ret": found,
+        "keypoints_query": problem.points2d,
         "num_matches": len(problem.query2d),
+        **(of_model or _log_of_pixels(problem)),
     }
 
 
@@ -98,7 +149,9 @@ def localize(
     queries, retrieval, features, matches: hloc's files: query list with intrinsics, pairs, features.h5,
         matches.h5.
     results: file of poses; NAME_logs.pkl is written beside it, as hloc's logs (poses there are qvec and
-        tvec instead of pycolmap's objects, with covariance and confidence).
+        tvec instead of pycolmap's objects, with covariance and confidence), for
+        hloc.visualization.visualize_loc: with its `reconstruction` where geometry is "sfm" and
+        reference_sfm that model, without where points are lifted, which have no ids.
     ransac_thresh: inlier threshold of points, pixels; None: 8, as `raylift localize`. `config` may give
         it in its place (estimation, ransac, max_error).
     covisibility_clustering: the method "hloc" instead of "adaptive".
@@ -130,8 +183,10 @@ def localize(
             poses["/".join(parts[-2:]) if prepend_camera_name else parts[-1]] = result.cam_from_world
     results = Path(results)
     _core.write_poses(results, poses)
+    is_sfm = several == ["sfm"] and not isinstance(reference_sfm, _core.Scene)
+    points = _Points(_read_model(cast("ModelLike", reference_sfm))) if is_sfm else None
     logs = {"features": Path(features), "matches": Path(matches), "retrieval": Path(retrieval),
-            "loc": {name: _log(result) for name, result in found.items()}}
+            "loc": {name: _log(result, points) for name, result in found.items()}}
     with open(f"{results}_logs.pkl", "wb") as file:
         pickle.dump(logs, file)
     return found
