@@ -64,6 +64,7 @@ RAYLIFT_PYTHON_ARGUMENT(ModelLike, IsSomething, "raylift._types.ModelLike")
 RAYLIFT_PYTHON_ARGUMENT(QueryLike, IsSomething, "raylift._types.QueryLike")
 RAYLIFT_PYTHON_ARGUMENT(ExtractorLike, IsSomething, "raylift._types.Extractor")
 RAYLIFT_PYTHON_ARGUMENT(MatcherLike, IsSomething, "raylift._types.Matcher")
+RAYLIFT_PYTHON_ARGUMENT(DescriptorLike, IsSomething, "raylift._types.GlobalDescriptor")
 // Called with (done, total, what), from any thread.
 RAYLIFT_PYTHON_ARGUMENT(ProgressCall, PyCallable_Check, "raylift._types.Progress")
 
@@ -100,10 +101,13 @@ Image ToImage(const ArrayLike& array);
 py::array_t<uint8_t> ToArray(Image image);
 // From a mapping with keypoints (N, 2) and descriptors (N, D).
 Features ToFeatures(const py::object& mapping, PlaneSize size);
-// Lets the front end extract and match by what Python gave.
-void UseOwn(const std::optional<ExtractorLike>& extractor,
-            const std::optional<MatcherLike>& matcher, const MatchReading& reading,
-            FrontEndOptions* options);
+struct OwnMatching {
+  std::optional<ExtractorLike> extractor;
+  std::optional<MatcherLike> matcher;
+  std::optional<DescriptorLike> retrieval;
+};
+// Lets the front end extract, match and retrieve by what Python gave.
+void UseOwn(const OwnMatching& own, const MatchReading& reading, FrontEndOptions* options);
 
 namespace internal {
 [[noreturn]] void ThrowNotNumbers(std::string_view name, std::string_view expected,

@@ -45,8 +45,7 @@ LocalizerOptions TakeLocalizerOptions(Keywords& keywords) {
 }
 
 MatchingOptions TakeMatchingOptions(Keywords& keywords, const Scene& scene,
-                                    const std::optional<ExtractorLike>& extractor,
-                                    const std::optional<MatcherLike>& matcher) {
+                                    const OwnMatching& own) {
   MatchingOptions options;
   HlocFlags given;
   keywords.Take("features", given.files.features);
@@ -57,13 +56,14 @@ MatchingOptions TakeMatchingOptions(Keywords& keywords, const Scene& scene,
   keywords.Take("max_ratio", options.front_end.max_ratio);
   keywords.Take("cache", options.front_end.cache);
   keywords.Take("extractor_name", options.front_end.extractor_name);
+  keywords.Take("matcher_name", options.front_end.matcher_name);
   keywords.Take("query_images", options.front_end.query_images);
   if (given.Any() && !given.All()) {
     throw OptionError(
         "features, matches and pairs go together, but for matches that are COLMAP's database or a "
         "folder of pairs");
   }
-  if (given.Any() && (extractor || matcher)) {
+  if (given.Any() && (own.extractor || own.matcher || own.retrieval)) {
     throw OptionError(
         "an extractor or matcher makes matches, which features, matches and pairs give");
   }
@@ -75,7 +75,7 @@ MatchingOptions TakeMatchingOptions(Keywords& keywords, const Scene& scene,
   RequireAtLeast("top_k", options.top_k, 1);
   RequireAtLeast("max_features", options.front_end.max_features, 1);
   if (options.front_end.query_images.empty()) options.front_end.query_images = scene.images;
-  UseOwn(extractor, matcher, options.reading, &options.front_end);
+  UseOwn(own, options.reading, &options.front_end);
   return options;
 }
 
@@ -83,13 +83,12 @@ MatchingOptions TakeMatchingOptions(Keywords& keywords, const Scene& scene,
 // first query needs them.
 class SceneLocalizer {
  public:
-  SceneLocalizer(ScenePointer scene, const py::dict& reference_features,
-                 const std::optional<ExtractorLike>& extractor,
-                 const std::optional<MatcherLike>& matcher, int threads, const py::kwargs& given)
+  SceneLocalizer(ScenePointer scene, const py::dict& reference_features, const OwnMatching& own,
+                 int threads, const py::kwargs& given)
       : scene_(std::move(scene)), threads_(threads) {
     Keywords keywords(given);
     options_ = TakeLocalizerOptions(keywords);
-    matching_ = TakeMatchingOptions(keywords, *scene_, extractor, matcher);
+    matching_ = TakeMatchingOptions(keywords, *scene_, own);
     std::filesystem::path calibration;
     keywords.Take("scene_calibration", calibration);
     keywords.Take("align_depth", align_);
@@ -391,14 +390,16 @@ void BindLocalization(py::module_& module) {
       .def(
           py::init([](ScenePointer scene, const py::dict& reference_features,
                       const std::optional<ExtractorLike>& extractor,
-                      const std::optional<MatcherLike>& matcher, int threads,
+                      const std::optional<MatcherLike>& matcher,
+                      const std::optional<DescriptorLike>& retrieval, int threads,
                       const py::kwargs& options) {
-            return std::make_shared<SceneLocalizer>(std::move(scene), reference_features, extractor,
-                                                    matcher, threads, options);
+            return std::make_shared<SceneLocalizer>(std::move(scene), reference_features,
+                                                    OwnMatching{extractor, matcher, retrieval},
+                                                    threads, options);
           }),
           py::arg("scene").none(false), py::kw_only(), py::arg("reference_features") = py::dict(),
           py::arg("extractor") = py::none(), py::arg("matcher") = py::none(),
-          py::arg("threads") = 0,
+          py::arg("retrieval") = py::none(), py::arg("threads") = 0,
           R"(Options as of `raylift localize`, with its defaults: those of raylift.estimate_pose(), and
 filter="off", filter_reprojection_px=4, filter_min_views=3, filter_min_ratio=0.8,
 candidates="keep", candidates_error_px=4, candidates_min_angle_deg=1,
@@ -416,16 +417,24 @@ reference_features: features of one's own, a dict by the references' names of di
 keypoints (N, 2) and descriptors (N, D) of unit length; their photographs are not read.
 
 extractor: called with each photograph (H, W, 3) uint8, RGB, in place of RootSIFT: OpenCV's
-Feature2D, or a callable that returns a dict or pair of keypoints and descriptors. Its
-features are cached under its extractor_name.
+Feature2D, LightGlue's extractors, or a callable that returns a dict or pair of keypoints
+and descriptors. Its features are cached under its extractor_name.
 
 matcher: called with a query's photograph and a reference's that RootSIFT and VLAD
 retrieved: returns rows (N, 4) of pixels, a pair of (N, 2), or a dict as LoFTR, SuperGlue
-or image-matching-models return; with an extractor, it is called with what that returned,
-may return indices (K, 2) of keypoints, and OpenCV's DescriptorMatcher is one.
+or image-matching-models return, or what MASt3R or DUSt3R predict of photographs that
+their load_images() resized; with an extractor, it is called with what that returned, and
+may return indices (K, 2) of keypoints. One with match_batch(query, references) is called
+once for all references of a query instead, and returns a list. These are taken as they
+are: with an extractor OpenCV's DescriptorMatcher and LightGlue, without RoMa, DKM and the
+matchers of image-matching-models (vismatch). With cache and a matcher_name, matches of
+photographs in files are kept as hloc.match_dense does, by h5py.
 
-Both are called one at a time; their pixels count as first_pixel says, by default as
-OpenCV's, whose first pixel's center is (0, 0).
+retrieval: called with each photograph in place of VLAD, by which references are retrieved:
+returns its global descriptor (D,), as raylift.onnx.GlobalDescriptor does.
+
+Each is called one call at a time; pixels count as first_pixel says, by default as OpenCV's,
+whose first pixel's center is (0, 0).
 
 Raises OptionError for an option out of range.)")
       .def(

@@ -47,18 +47,33 @@ FeatureExtractor ToExtractor(const ExtractorLike& extractor, const MatchReading&
   };
 }
 
-PhotographMatcher ToMatcher(const MatcherLike& matcher,
-                            const std::optional<ExtractorLike>& extractor) {
-  const py::object adapt = py::module_::import("raylift._matching").attr("matcher_of");
-  return [match = Shared(adapt(matcher, extractor))](const Photograph& query,
-                                                     std::span<const Photograph> references) {
+GlobalDescriptor ToDescriptor(const DescriptorLike& retrieval) {
+  const py::object adapt = py::module_::import("raylift._matching").attr("descriptor_of");
+  return [describe = Shared(adapt(retrieval))](const Image& photograph) -> Eigen::VectorXf {
     const py::gil_scoped_acquire lock;
-    py::list files;
-    for (const Photograph& reference : references) files.append(reference.file.string());
+    const auto vector = (*describe)(ToArray(photograph)).cast<py::array_t<float>>();
+    return Eigen::Map<const Eigen::VectorXf>(vector.data(), vector.size());
+  };
+}
+
+py::tuple NameAndFile(const Photograph& photograph) {
+  return py::make_tuple(photograph.name, photograph.file.string());
+}
+
+PhotographMatcher ToMatcher(const MatcherLike& matcher,
+                            const std::optional<ExtractorLike>& extractor,
+                            const FrontEndOptions& options) {
+  const py::object adapt = py::module_::import("raylift._matching").attr("matcher_of");
+  return [match = Shared(adapt(matcher, extractor, options.reading.first_pixel,
+                               options.cache.string(), options.matcher_name))](
+             const Photograph& query, std::span<const Photograph> references) {
+    const py::gil_scoped_acquire lock;
+    py::list others;
+    for (const Photograph& reference : references) others.append(NameAndFile(reference));
     const py::object pixels =
         query.pixels == nullptr ? py::object(py::none()) : ToArray(*query.pixels);
     std::vector<PixelMatches> matches;
-    for (const py::handle& found : (*match)(query.file.string(), pixels, files)) {
+    for (const py::handle& found : (*match)(NameAndFile(query), others, pixels)) {
       const auto [query_px, reference_px, scores] =
           found.cast<std::tuple<ArrayLike, ArrayLike, std::optional<ArrayLike>>>();
       PixelMatches& rows = matches.emplace_back();
@@ -104,12 +119,12 @@ Features ToFeatures(const py::object& mapping, PlaneSize size) {
   return features;
 }
 
-void UseOwn(const std::optional<ExtractorLike>& extractor,
-            const std::optional<MatcherLike>& matcher, const MatchReading& reading,
-            FrontEndOptions* options) {
+void UseOwn(const OwnMatching& own, const MatchReading& reading, FrontEndOptions* options) {
+  const auto& [extractor, matcher, retrieval] = own;
   options->reading = reading;
+  if (retrieval) options->descriptor = ToDescriptor(*retrieval);
   // Retrieval goes by features that are compared by their directions; a matcher's may be others.
-  if (matcher) options->matcher = ToMatcher(*matcher, extractor);
+  if (matcher) options->matcher = ToMatcher(*matcher, extractor, *options);
   if (!extractor || matcher) return;
   options->extractor = ToExtractor(*extractor, reading);
   if (!options->cache.empty() && options->extractor_name.empty()) {

@@ -142,7 +142,7 @@ def measure_matchers():
         measure_localize("  the same matches from files", matches=folder)
     rows, file = np.ones((500, 4)), str(next((DEMO / "images").rglob("*.jpg")))
     match = _matching.matcher_of(lambda *_: rows, lambda image: {"keypoints": rows[:, :2]})
-    pair_us = median_us(lambda: match("", np.zeros((4, 4, 3), np.uint8), [file] * 10)) / 10
+    pair_us = median_us(lambda: match(("", ""), [("", file)] * 10, np.zeros((4, 4, 3), np.uint8))) / 10
     row("a matcher of features that returns 500 matches at once", "", f"{pair_us:.1f} us per pair")
 
 

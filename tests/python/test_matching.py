@@ -1,5 +1,7 @@
 """Extractors and matchers of one's own."""
 import functools
+import sys
+import types
 from pathlib import Path
 from typing import Any
 
@@ -109,6 +111,7 @@ class Match:
     (Tensor(FIRST[1:]), Tensor(SECOND), [0.1, 0.2]),
     {"mkpts0": FIRST[1:], "mkpts1": SECOND, "mconf": [1, 1]},
     {"matched_kpts0": FIRST[1:], "matched_kpts1": SECOND, "num_inliers": 2},
+    {"inlier_kpts0": FIRST[1:], "inlier_kpts1": SECOND},
     {"keypoints0": FIRST, "keypoints1": SECOND, "matches0": [-1, 0, 1], "matching_scores0": [0, 1, 1]},
     {"keypoints0": Tensor(FIRST[None]), "keypoints1": Tensor(SECOND[None]), "matches": [Tensor([[1, 0], [2, 1]])]},
 ])
@@ -122,6 +125,7 @@ def test_forms_of_matches(result: Any) -> None:
 @pytest.mark.parametrize("result", [
     [[1, 0], [2, 1]],
     {"matches0": [-1, 0, 1]},
+    {"matches0": Tensor([[-1, 0, 1]]), "matching_scores0": Tensor([[0, 1, 1]])},
     {"matches": [Tensor([[1, 0], [2, 1]])], "scores": [Tensor([1, 1])]},
     [Match(1, 0), Match(2, 1)],
     ROWS,
@@ -150,6 +154,11 @@ def test_forms_of_matches_of_an_extractor(result: dict[str, Any] | list[Any]) ->
     (dict(matcher=5), "matcher: expected a callable"),
     (dict(extractor="sift"), "extractor: expected a callable"),
     (dict(matcher=cv2.BFMatcher()), "with an extractor"),
+    (dict(matcher=types.SimpleNamespace(match_batch=lambda query, references: [])),
+     "expected the matches with .* references, found 0"),
+    (dict(retrieval="netvlad"), "retrieval: expected a callable, found a str"),
+    (dict(retrieval=lambda image: [0, 0]), "retrieval: expected a vector"),
+    (dict(retrieval=lambda image: [1] * int(image.sum() % 97 + 1)), "retrieval: expected vectors of one size"),
     (dict(matcher=lambda a, b: 3), "matcher: expected rows"),
     (dict(matcher=lambda a, b: [[1, 2, 3]]), r"matcher: expected rows \(N, 4\).*\(1, 3\)"),
     (dict(matcher=lambda a, b: {"a": 1}), "matcher: expected .*found the keys a"),
@@ -211,3 +220,301 @@ def test_features_of_ones_own_are_cached_by_name(tmp_path: Path) -> None:
 def test_files_and_own_matchers_exclude_each_other(tmp_path: Path) -> None:
     with pytest.raises(raylift.OptionError, match="an extractor or matcher makes matches"):
         raylift.Localizer(open_scene(), matcher=sift_pixels, matches=tmp_path)
+
+
+def test_a_matcher_of_batches_is_called_once_for_a_query() -> None:
+    batches: list[int] = []
+
+    class Batches:
+        def match_batch(self, query: Any, references: list[Any]) -> list[Any]:
+            batches.append(len(references))
+            return [sift_pixels(query, reference) for reference in references]
+    scene = open_scene()
+    one_by_one = raylift.Localizer(scene, matcher=sift_pixels, max_features=500).localize(FILE, camera(), name=NAME)
+    in_batches = raylift.Localizer(scene, matcher=Batches(), max_features=500).localize(FILE, camera(), name=NAME)
+    assert in_batches.cam_from_world == one_by_one.cam_from_world is not None
+    # One of the query, and one of each reference that the scene's noise is learned of.
+    assert len(batches) == 1 + len(scene.references) and min(batches) > 1
+
+
+def test_matches_of_ones_own_are_kept_as_hlocs(tmp_path: Path) -> None:
+    calls: list[int] = []
+
+    def match(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.float64]:
+        calls.append(1)
+        return sift_pixels(first, second) + first_pixel
+
+    def localize(**options: Any) -> raylift.LocalizedQuery:
+        calls.clear()
+        localizer = raylift.Localizer(open_scene(), matcher=match, cache=tmp_path / "cache", max_features=500,
+                                      first_pixel=first_pixel, **options)
+        return localizer.localize_all([(NAME, camera())])[NAME]
+    first_pixel = 0.0
+    first = localize(matcher_name="sift")
+    made = len(calls)
+    assert made > 10 and some(first.cam_from_world)
+    again = localize(matcher_name="sift")
+    assert calls == [] and again.cam_from_world == first.cam_from_world
+    assert again.problem.query2d.tolist() == first.problem.query2d.tolist()
+    localize(matcher_name="other")
+    assert len(calls) == made
+    localize()
+    assert len(calls) == made
+    # In the file they count from (0, 0), so those that are understood otherwise are made anew.
+    first_pixel = 0.5
+    assert localize(matcher_name="sift").problem.query2d == pytest.approx(first.problem.query2d, abs=1e-4)
+    assert len(calls) == made
+    with pytest.raises(raylift.OptionError, match="matcher_name = a/b: must be part of a file's name"):
+        localize(matcher_name="a/b")
+
+    # As hloc.match_dense writes them, names_to_pair() of hloc/utils/parsers.py.
+    h5py = pytest.importorskip("h5py")
+    reference = first.problem.references[0].name
+    rows = sift_pixels(raylift.read_image(FILE), raylift.read_image(DEMO / "images" / reference))
+    with h5py.File(tmp_path / "cache/matches-sift.h5") as file:
+        pair = file["/".join(name.replace("/", "-") for name in (NAME, reference))]
+        assert pair["keypoints0"][()] == pytest.approx(rows[:, :2], abs=1e-4)
+        assert pair["keypoints1"][()] == pytest.approx(rows[:, 2:], abs=1e-4)
+        assert (pair["scores"][()] == 1).all() and len(pair["scores"]) == len(rows)
+
+
+def test_a_file_that_is_no_cache_is_named(tmp_path: Path) -> None:
+    (tmp_path / "matches-sift.h5").write_bytes(b"cut off")
+    localizer = raylift.Localizer(open_scene(12), matcher=sift_pixels, cache=tmp_path, matcher_name="sift",
+                                  max_features=500)
+    with pytest.raises(raylift.InputError, match="matches-sift.h5: expected matches in HDF5"):
+        localizer.localize_all([(NAME, camera())])
+
+
+def test_kept_matches_are_those_of_the_photographs_as_they_are(tmp_path: Path) -> None:
+    calls: list[str] = []
+
+    def match(*photographs: NDArray[np.uint8]) -> None:
+        calls.append("")
+
+    def localize() -> None:
+        calls.clear()
+        localizer = raylift.Localizer(open_scene(12), cache=tmp_path / "cache", matcher_name="none", max_features=500,
+                                      matcher=match, query_images=tmp_path / "images")
+        localizer.localize_all([(NAME, camera())])
+    copy = tmp_path / "images" / NAME
+    copy.parent.mkdir(parents=True)
+    copy.write_bytes(FILE.read_bytes())
+    localize()
+    localize()
+    assert calls == []
+    copy.write_bytes(FILE.read_bytes() + b"\0")
+    localize()
+    assert len(calls) == len(open_scene(12).references)
+
+
+def test_global_descriptors_of_ones_own_retrieve() -> None:
+    def brightness(image: NDArray[np.uint8]) -> list[float]:
+        left, right = image[:, :320].mean(), image[:, 320:].mean()
+        return [left, right]
+
+    def similarity(name: str) -> float:
+        vectors = [np.array(brightness(raylift.read_image(DEMO / "images" / n))) for n in (NAME, name)]
+        return float(vectors[0] @ vectors[1] / np.linalg.norm(vectors[0]) / np.linalg.norm(vectors[1]))
+    scene = open_scene()
+    expected = sorted((r.name for r in scene.references), key=similarity, reverse=True)[:4]
+    localizer = raylift.Localizer(scene, retrieval=brightness, top_k=4, max_features=500)
+    of_file = localizer.localize(FILE, camera(), name=NAME)
+    assert [r.name for r in of_file.problem.references] == expected
+    of_list = localizer.localize_all([(NAME, camera())])[NAME]
+    assert [r.name for r in of_list.problem.references] == expected
+    features = raylift.extract_features(raylift.read_image(FILE), max_features=500)
+    with pytest.raises(raylift.InputError, match="global descriptor takes photographs"):
+        localizer.localize({**features, "keypoints": features["keypoints"]}, camera())
+
+
+class Torch(types.SimpleNamespace):
+    """What is used of torch: from_numpy() and no_grad()."""
+
+    def __init__(self) -> None:
+        super().__init__(grad=True)
+
+    def from_numpy(self, array: NDArray[Any]) -> "Moved":
+        assert array.dtype == np.float32 and not self.grad
+        return Moved(array)
+
+    def no_grad(self) -> Any:
+        torch = self
+
+        class NoGrad:
+            def __enter__(self) -> None:
+                torch.grad = False
+
+            def __exit__(self, *error: object) -> None:
+                torch.grad = True
+        return NoGrad()
+
+
+class Moved(Tensor):
+    device = "cpu"
+
+    def to(self, device: str) -> "Moved":
+        moved = Moved(self.array)
+        moved.device = device
+        return moved
+
+
+class Model:
+    """What is known of torch's modules."""
+
+    def parameters(self) -> Any:
+        return iter([types.SimpleNamespace(device="gpu")])
+
+
+def found_by(monkeypatch: pytest.MonkeyPatch, **options: Any) -> list[list[float]]:
+    """The pixels that an imitation finds in the first reference, as Localizer takes them."""
+    monkeypatch.setitem(sys.modules, "torch", Torch())
+    localizer = raylift.Localizer(open_scene(12), max_features=500, **options)
+    problem = localizer.localize(FILE, camera()).problem
+    rows = np.hstack([problem.query2d, problem.reference2d])[problem.reference_index == 0]
+    return [[float(value) for value in row] for row in rows]
+
+
+COLMAP_ROWS = (np.array(ROWS) + 0.5).tolist()
+
+
+class SuperPoint(Model):
+    """lightglue.SuperPoint: extract() of a tensor (3, H, W) from 0 to 1; calls take a dict."""
+
+    required_data_keys = ["image"]
+
+    def __init__(self) -> None:
+        self.photograph = raylift.read_image(FILE)
+
+    def __call__(self, data: Any) -> Any:
+        raise AssertionError("forward() takes {image: ...}, and does not resize")
+
+    def extract(self, image: Moved) -> dict[str, Any]:
+        assert image.device == "gpu" and image.array.shape == (3, *self.photograph.shape[:2])
+        pixels = np.rint(image.array * 255).transpose(1, 2, 0)
+        keypoints = FIRST if np.array_equal(pixels, self.photograph) else SECOND
+        return {"keypoints": Moved(keypoints[None]), "descriptors": Moved(np.ones((1, len(keypoints), 256))),
+                "keypoint_scores": Moved(np.ones((1, len(keypoints)))),
+                "image_size": Moved(np.array([[640.0, 480.0]]))}
+
+
+class LightGlue(Model):
+    """lightglue.LightGlue: called with one dict; all that it returns has an axis for the batch."""
+
+    required_data_keys = ["image0", "image1"]
+
+    def __call__(self, data: dict[str, dict[str, Any]]) -> dict[str, Any]:
+        counts = []
+        for features in (data["image0"], data["image1"]):
+            assert features["keypoints"].array.ndim == features["descriptors"].array.ndim == 3
+            assert features["image_size"].array.shape == (1, 2)
+            counts.append(features["keypoints"].array.shape[1])
+        if counts[0] != len(FIRST):
+            return {"matches0": Moved(np.full((1, counts[0]), -1)), "matching_scores0": Moved(np.zeros((1, counts[0]))),
+                    "matches": Moved(np.zeros((1, 0, 2))), "scores": Moved(np.zeros((1, 0)))}
+        return {"matches0": Moved(np.array([[-1, 0, 1]])), "matches1": Moved(np.array([[1, 2]])),
+                "matching_scores0": Moved(np.array([[0, 0.9, 0.8]])), "stop": 9,
+                "matches": [Moved(np.array([[1, 0], [2, 1]]))], "scores": [Moved(np.array([0.9, 0.8]))]}
+
+
+def of_numpy(image: NDArray[np.uint8]) -> dict[str, NDArray[Any]]:
+    keypoints = FIRST if np.array_equal(image, raylift.read_image(FILE)) else SECOND
+    return {"keypoints": keypoints, "descriptors": np.ones((len(keypoints), 256)), "image_size": np.array([640, 480])}
+
+
+@pytest.mark.parametrize("extractor", [SuperPoint(), of_numpy])
+def test_lightglue_is_a_matcher(extractor: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert found_by(monkeypatch, extractor=extractor, matcher=LightGlue()) == COLMAP_ROWS
+
+
+def test_lightglue_needs_an_extractor(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(raylift.InputError, match="expected an extractor beside it that returns a dict"):
+        found_by(monkeypatch, matcher=LightGlue())
+    with pytest.raises(raylift.InputError, match="expected an extractor beside it that returns a dict"):
+        found_by(monkeypatch, matcher=LightGlue(), extractor=cv2.SIFT_create(100))
+
+
+class VisMatch(Model):
+    """vismatch.BaseMatcher: called with (3, H, W) from 0 to 1; results are arrays."""
+
+    def load_image(self, path: str) -> None: ...
+
+    def rescale_coords(self, *sizes: int) -> None: ...
+
+    def __call__(self, first: Moved, second: Moved) -> dict[str, Any]:
+        for image in (first, second):
+            assert image.device == "gpu" and image.array.shape == (3, 480, 640) and image.array.max() <= 1
+        return {"num_inliers": 0, "H": None, "all_kpts0": FIRST, "all_kpts1": SECOND, "all_desc0": np.zeros((0, 2)),
+                "matched_kpts0": FIRST[1:], "matched_kpts1": SECOND, "inlier_kpts0": np.zeros((0, 2)),
+                "inlier_kpts1": np.zeros((0, 2))}
+
+
+def test_matchers_of_vismatch(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert found_by(monkeypatch, matcher=VisMatch()) == COLMAP_ROWS
+
+
+class Picture:
+    """What is used of PIL's."""
+
+    def __init__(self, array: NDArray[np.uint8]) -> None:
+        self.size = array.shape[1::-1]
+
+
+class RoMa(Model):
+    """romatch's: a warp from -1 to 1, edge to edge; -1 + 1 / W is the center of the first of W pixels."""
+
+    def match(self, first: Picture, second: Picture) -> tuple[Moved, Moved]:
+        assert first.size == second.size == (640, 480)
+        ends = np.array([640, 480, 640, 480])
+        return Moved((2 * (np.array(ROWS) + 0.5) / ends - 1)[None, None]), Moved(np.ones((1, 1, 2)))
+
+    def sample(self, warp: Moved, certainty: Moved) -> tuple[Moved, Moved]:
+        return Moved(warp.array.reshape(-1, 4)), Moved(certainty.array.reshape(-1))
+
+    def to_pixel_coordinates(self, rows: Moved, h0: int, w0: int, h1: int, w1: int) -> tuple[Moved, Moved]:
+        both = [np.stack([w / 2 * (xy[:, 0] + 1), h / 2 * (xy[:, 1] + 1)], axis=-1)
+                for xy, w, h in ((rows.array[:, :2], w0, h0), (rows.array[:, 2:], w1, h1))]
+        return Moved(both[0]), Moved(both[1])
+
+
+@pytest.mark.parametrize("first_pixel", [0, 0.5])
+def test_roma_is_a_matcher_whose_first_pixel_is_known(first_pixel: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    picture = types.SimpleNamespace(Image=types.SimpleNamespace(fromarray=Picture))
+    monkeypatch.setitem(sys.modules, "PIL", picture)
+    assert found_by(monkeypatch, matcher=RoMa(), first_pixel=first_pixel) == [pytest.approx(row) for row in COLMAP_ROWS]
+
+
+def predicted(names: tuple[str, str], shape: tuple[int, int], shift: int) -> dict[str, dict[str, Tensor]]:
+    """What MASt3R or DUSt3R predict where x of the second map is x - shift of the first."""
+    values = np.random.default_rng(0).normal(size=(shape[0], shape[1] + shift, 3))
+    values /= np.linalg.norm(values, axis=2, keepdims=True)
+    confidence = np.arange(shape[0] * shape[1], dtype=float).reshape(1, *shape)
+    return {"pred1": {"pts3d": Tensor([]), names[0]: Tensor(values[None, :, :shape[1]]), "desc_conf": Tensor(confidence)},
+            "pred2": {names[1]: Tensor(values[None, :, shift:]), "desc_conf": Tensor(confidence + 5)}}
+
+
+@pytest.mark.parametrize("names", [("desc", "desc"), ("pts3d", "pts3d_in_other_view")])
+@pytest.mark.parametrize("as_pair", [False, True])
+def test_predictions_are_matched_at_the_photographs_pixels(
+        names: tuple[str, str], as_pair: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    # load_images() makes 64 x 48 of 640 x 480.
+    result: Any = predicted(names, (48, 64), 16)
+    rows = found_by(monkeypatch, matcher=lambda a, b: (result["pred1"], result["pred2"]) if as_pair else result)
+    # Each 8th pixel from the 4th on that the other map shows, too; the 12 whose place it does not show
+    # lead to others.
+    expected = [[(x + 0.5) * 10, (y + 0.5) * 10, (x - 16 + 0.5) * 10, (y + 0.5) * 10]
+                for y in range(4, 48, 8) for x in range(20, 64, 8)]
+    assert all(row in rows for row in expected) and len(rows) <= len(expected) + 12
+
+
+@pytest.mark.parametrize("size, shape, scale, cut", [
+    ((640, 480), (384, 512), 0.8, (0, 0)),  # load_images() of size 512
+    ((1024, 683), (336, 512), 0.5, (0, 3)),  # resized to 512 x 342, whose 3 upper rows are cut off
+    ((1000, 1000), (384, 512), 0.512, (0, 64)),
+    ((640, 480), (224, 224), 299 / 640, (37, 0)),  # of size 224, by way of 299 x 224
+])
+def test_pixels_of_resized_and_cut_photographs(
+        size: tuple[int, int], shape: tuple[int, int], scale: float, cut: tuple[int, int]) -> None:
+    from raylift import _adapters
+    corner = _adapters._of_photograph(np.array([0]), shape, np.zeros((size[1], size[0], 3), np.uint8))
+    assert corner[0] == pytest.approx((np.array(cut) + 0.5) / scale - 0.5, abs=0.02)

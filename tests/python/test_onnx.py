@@ -169,7 +169,7 @@ def test_a_matcher_of_photographs_localizes(tmp_path: Path) -> None:
     pixels = [tmp_path / f"{i}.png" for i in "01"]
     for image, name in zip((photograph(size=1), photograph(SPOTS + [3, 5], size=1)), pixels):
         write_png(name, image)
-    [(query, reference, scores)] = matcher_of(raylift.onnx.Matcher(file))(str(pixels[0]), None, [str(pixels[1])])
+    [(query, reference, scores)] = matcher_of(raylift.onnx.Matcher(file))(("0", str(pixels[0])), [("1", str(pixels[1]))])
     assert (reference - query == [3, 5]).all() and scores is None
 
 
@@ -196,6 +196,11 @@ def test_global_descriptors_retrieve(tmp_path: Path) -> None:
         files[name] = tmp_path / f"{name}.png"
         write_png(files[name], np.full((8, 10, 3), color, np.uint8))
     assert describe(np.full((8, 10, 3), (30, 40, 0), np.uint8)) == pytest.approx([0.6, 0.8, 0])
+    scene = raylift.Scene.of([raylift.PosedImage(f"{name}.png", "PINHOLE 10 8 9 9 5 4", (np.eye(3), np.zeros(3)))
+                              for name in ("red", "blue")], images=tmp_path)
+    localizer = raylift.Localizer(scene, retrieval=describe)
+    references = localizer.localize(files["pink"], "PINHOLE 10 8 9 9 5 4").problem.references
+    assert [image.name for image in references] == ["red.png", "blue.png"]
     assert describe.retrieve(files, files, top_k=2) == {"red": ["pink", "blue"], "pink": ["red", "blue"],
                                                         "blue": ["pink", "red"]}
 

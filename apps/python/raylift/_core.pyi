@@ -798,7 +798,7 @@ class Localizer:
     """
     Localizes photographs in a scene. Thread safe.
     """
-    def __init__(self, scene: Scene, *, reference_features: collections.abc.Mapping[str, raylift._types.FeaturesLike] = {}, extractor: raylift._types.Extractor | None = None, matcher: raylift._types.Matcher | None = None, threads: typing.SupportsInt | typing.SupportsIndex = 0, **kwargs: typing_extensions.Unpack[raylift._types.LocalizerOptions]) -> None:
+    def __init__(self, scene: Scene, *, reference_features: collections.abc.Mapping[str, raylift._types.FeaturesLike] = {}, extractor: raylift._types.Extractor | None = None, matcher: raylift._types.Matcher | None = None, retrieval: raylift._types.GlobalDescriptor | None = None, threads: typing.SupportsInt | typing.SupportsIndex = 0, **kwargs: typing_extensions.Unpack[raylift._types.LocalizerOptions]) -> None:
         """
         Options as of `raylift localize`, with its defaults: those of raylift.estimate_pose(), and
         filter="off", filter_reprojection_px=4, filter_min_views=3, filter_min_ratio=0.8,
@@ -817,16 +817,24 @@ class Localizer:
         keypoints (N, 2) and descriptors (N, D) of unit length; their photographs are not read.
 
         extractor: called with each photograph (H, W, 3) uint8, RGB, in place of RootSIFT: OpenCV's
-        Feature2D, or a callable that returns a dict or pair of keypoints and descriptors. Its
-        features are cached under its extractor_name.
+        Feature2D, LightGlue's extractors, or a callable that returns a dict or pair of keypoints
+        and descriptors. Its features are cached under its extractor_name.
 
         matcher: called with a query's photograph and a reference's that RootSIFT and VLAD
         retrieved: returns rows (N, 4) of pixels, a pair of (N, 2), or a dict as LoFTR, SuperGlue
-        or image-matching-models return; with an extractor, it is called with what that returned,
-        may return indices (K, 2) of keypoints, and OpenCV's DescriptorMatcher is one.
+        or image-matching-models return, or what MASt3R or DUSt3R predict of photographs that
+        their load_images() resized; with an extractor, it is called with what that returned, and
+        may return indices (K, 2) of keypoints. One with match_batch(query, references) is called
+        once for all references of a query instead, and returns a list. These are taken as they
+        are: with an extractor OpenCV's DescriptorMatcher and LightGlue, without RoMa, DKM and the
+        matchers of image-matching-models (vismatch). With cache and a matcher_name, matches of
+        photographs in files are kept as hloc.match_dense does, by h5py.
 
-        Both are called one at a time; their pixels count as first_pixel says, by default as
-        OpenCV's, whose first pixel's center is (0, 0).
+        retrieval: called with each photograph in place of VLAD, by which references are retrieved:
+        returns its global descriptor (D,), as raylift.onnx.GlobalDescriptor does.
+
+        Each is called one call at a time; pixels count as first_pixel says, by default as OpenCV's,
+        whose first pixel's center is (0, 0).
 
         Raises OptionError for an option out of range.
         """

@@ -1,43 +1,37 @@
 """Extractors and matchers of one's own for Localizer, in whatever form people have them.
 
-Nothing but numpy is imported: objects of other libraries are known by their attributes, tensors by
-`detach` or by numpy's own protocols.
+What other libraries have is known by its attributes (_adapters.py), tensors by `detach` or by numpy's own
+protocols. Nothing but numpy is imported, and h5py where matches are kept.
 """
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
+import os
 import threading
-from typing import TYPE_CHECKING, Any, Callable, Dict, List, Mapping, NoReturn, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, Any, Callable, Dict, Iterator, List, Mapping, NoReturn, Optional, Sequence, Tuple
 
 import numpy as np
 
-from . import _core
+from . import _adapters, _core
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from ._types import Extractor, Matcher
-
-    Image = NDArray[np.uint8]
-    Numbers = NDArray[np.float64]
-    _Tensor = NDArray[Any]  # of a user's own
-    _Pixels = Tuple[Numbers, Numbers, Optional[Numbers]]
+    from ._types import Extractor, GlobalDescriptor, Matcher
 
 _PIXELS = (("matched_kpts0", "matched_kpts1"), ("mkpts0", "mkpts1"), ("kpts0", "kpts1"),
-           ("query2d", "reference2d"), ("keypoints0", "keypoints1"))
+           ("query2d", "reference2d"), ("keypoints0", "keypoints1"), ("inlier_kpts0", "inlier_kpts1"))
 _SCORES = ("scores", "mconf", "conf", "confidence", "match_confidence", "matching_scores0", "certainty")
+_Pixels = Tuple[np.ndarray, np.ndarray, Optional[np.ndarray]]
 # The features of so many photographs in files are kept.
 _MOST_FEATURES = 1000
 
 
-def _array(value: Any) -> _Tensor:
+def _array(value: Any) -> np.ndarray:
     """The array that a tensor or list holds, without the axis of a batch of one."""
     if isinstance(value, (list, tuple)) and len(value) == 1 and hasattr(value[0], "__array__"):
         return _array(value[0])
-    detach = getattr(value, "detach", None)
-    if detach is not None:
-        value = detach().cpu()
-    array = np.asarray(value)
+    array = _adapters.numbers(value)
     return array[0] if array.ndim == 3 and len(array) == 1 else array
 
 
@@ -48,7 +42,7 @@ def _fail(who: str, expected: str, found: Any) -> NoReturn:
     raise _core.InputError(f"{who}: expected {expected}, found {what}")
 
 
-def _pixels(value: Any, who: str) -> Numbers:
+def _pixels(value: Any, who: str) -> np.ndarray:
     """Rows of pixels, be they OpenCV's KeyPoint."""
     if isinstance(value, (list, tuple)) and len(value) and hasattr(value[0], "pt"):
         value = [keypoint.pt for keypoint in value]
@@ -60,15 +54,20 @@ def _pixels(value: Any, who: str) -> Numbers:
     return rows[:, :2].astype(float)
 
 
-def _keypoints_and_descriptors(features: Any) -> Tuple[Numbers, Optional[_Tensor]]:
-    expected = "a dict or pair of keypoints (N, 2) and descriptors (N, D)"
+def _parts(features: Any) -> Tuple[Any, Any]:
     if isinstance(features, Mapping) and "keypoints" in features:
-        keypoints, descriptors = features["keypoints"], features.get("descriptors")
-    elif isinstance(features, (tuple, list)) and len(features) == 2:
-        keypoints, descriptors = features
-    else:
-        _fail("extractor", expected, features)
-    pixels = _pixels(keypoints, "extractor, keypoints")
+        return features["keypoints"], features.get("descriptors")
+    if not isinstance(features, (tuple, list)) or len(features) != 2:
+        _fail("extractor", "a dict or pair of keypoints (N, 2) and descriptors (N, D)", features)
+    return features[0], features[1]
+
+
+def _keypoints(features: Any) -> np.ndarray:
+    return _pixels(_parts(features)[0], "extractor, keypoints")
+
+
+def _keypoints_and_descriptors(features: Any) -> Tuple[np.ndarray, Optional[np.ndarray]]:
+    pixels, descriptors = _keypoints(features), _parts(features)[1]
     if descriptors is None:
         return pixels, None
     rows = _array(descriptors)
@@ -79,21 +78,22 @@ def _keypoints_and_descriptors(features: Any) -> Tuple[Numbers, Optional[_Tensor
     return pixels, rows
 
 
-def _extract_by(extractor: Extractor) -> Callable[[Image], Any]:
-    """OpenCV's Feature2D, or any callable that takes a photograph."""
-    if callable(extractor):
-        return extractor
-    if hasattr(extractor, "detectAndCompute"):
-        return lambda image: extractor.detectAndCompute(image, None)
-    _fail("extractor", "a callable, or OpenCV's Feature2D", extractor)
+def _extract_by(extractor: Extractor) -> Callable[[np.ndarray], Any]:
+    """What takes a photograph."""
+    known = _adapters.known_extractor(extractor)
+    if known is not None:
+        return known
+    if not callable(extractor):
+        _fail("extractor", "a callable, or OpenCV's Feature2D", extractor)
+    return extractor
 
 
-def extractor_of(extractor: Extractor) -> Callable[[Image], Dict[str, NDArray[np.generic]]]:
+def extractor_of(extractor: Extractor) -> Callable[[np.ndarray], Dict[str, np.ndarray]]:
     """What the module calls for the features of a photograph, one call at a time."""
     extract, lock = _extract_by(extractor), threading.RLock()
 
-    def features(image: Image) -> Dict[str, NDArray[np.generic]]:
-        with lock:
+    def features(image: np.ndarray) -> Dict[str, np.ndarray]:
+        with lock, _adapters.without_gradients():
             keypoints, descriptors = _keypoints_and_descriptors(extract(image))
         if descriptors is None and len(keypoints):
             _fail("extractor", "descriptors beside the keypoints, or a matcher", None)
@@ -102,27 +102,53 @@ def extractor_of(extractor: Extractor) -> Callable[[Image], Dict[str, NDArray[np
     return features
 
 
-def _mutual(matcher: Any, first: _Tensor, second: _Tensor) -> NDArray[np.int64]:
+def descriptor_of(retrieval: GlobalDescriptor) -> Callable[[np.ndarray], np.ndarray]:
+    """What the module calls for the global descriptor of a photograph, one call at a time: of unit length."""
+    if not callable(retrieval):
+        _fail("retrieval", "a callable", retrieval)
+    lock, sizes = threading.RLock(), set[int]()
+
+    def describe(image: np.ndarray) -> np.ndarray:
+        with lock, _adapters.without_gradients():
+            vector = np.asarray(_array(retrieval(image)), np.float32).reshape(-1)
+            sizes.add(len(vector))
+        if len(sizes) > 1:
+            raise _core.InputError(f"retrieval: expected vectors of one size, found {len(vector)} numbers and others")
+        norm = np.linalg.norm(vector)
+        if not 0 < norm < np.inf:
+            raise _core.InputError(f"retrieval: expected a vector (D,) of finite length above 0, found {norm} "
+                                   f"of {len(vector)} numbers")
+        return vector / norm
+
+    return describe
+
+
+def _mutual(matcher: Any, first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Indices (K, 2) of what OpenCV's DescriptorMatcher matches both ways."""
     back = {match.queryIdx: match.trainIdx for match in matcher.match(second, first)}
     pairs = [(m.queryIdx, m.trainIdx) for m in matcher.match(first, second) if back.get(m.trainIdx) == m.queryIdx]
     return np.array(pairs, dtype=int).reshape(-1, 2)
 
 
-def _match_by(matcher: Matcher, of_features: bool) -> Callable[[Any, Any], Any]:
-    def by_descriptors(first: Any, second: Any) -> NDArray[np.int64]:
+def _match_by(matcher: Matcher, of_features: bool, first_pixel: float) -> Callable[[Any, List[Any]], Sequence[Any]]:
+    """What takes a query and a list of references, each a photograph or its features."""
+    def by_descriptors(first: Any, second: Any) -> np.ndarray:
         both = [_keypoints_and_descriptors(features)[1] for features in (first, second)]
         found = [rows for rows in both if rows is not None and len(rows)]
         return _mutual(matcher, *found) if len(found) == 2 else np.zeros((0, 2), dtype=int)
 
-    if callable(matcher):
-        return matcher
-    if of_features and hasattr(matcher, "match"):
-        return by_descriptors
-    _fail("matcher", "a callable, or, with an extractor, OpenCV's DescriptorMatcher", matcher)
+    if hasattr(matcher, "match_batch"):
+        return matcher.match_batch
+    pair: Any = _adapters.known_matcher(matcher, of_features, first_pixel) or matcher
+    if not callable(pair) and of_features and hasattr(matcher, "match"):
+        pair = by_descriptors
+    if not callable(pair):
+        _fail("matcher", "a callable, an object with match_batch, or, with an extractor, OpenCV's DescriptorMatcher",
+              matcher)
+    return lambda query, references: [pair(query, reference) for reference in references]
 
 
-def _of_indices(matches: _Tensor, scores: Optional[_Tensor], keypoints: Sequence[Numbers]) -> _Pixels:
+def _of_indices(matches: np.ndarray, scores: Optional[np.ndarray], keypoints: Sequence[np.ndarray]) -> _Pixels:
     """By rows (K, 2) of indices; or by (N,), the second keypoint of each first one or -1, with their scores."""
     pairs = matches.astype(int)
     if matches.ndim == 1:
@@ -137,20 +163,22 @@ def _of_indices(matches: _Tensor, scores: Optional[_Tensor], keypoints: Sequence
     return keypoints[0][pairs[:, 0]], keypoints[1][pairs[:, 1]], scores
 
 
-def _of_names(result: Mapping[str, Any], keypoints: Optional[Sequence[Numbers]]) -> _Pixels:
+def _of_names(result: Mapping[str, Any], keypoints: Optional[Sequence[np.ndarray]]) -> _Pixels:
     scores = next((_array(result[key]).reshape(-1) for key in _SCORES if result.get(key) is not None), None)
     named = next(([_pixels(result[name], "matcher") for name in pair] for pair in _PIXELS
                   if pair[0] in result and pair[1] in result), None)
     keypoints = named or keypoints
-    matches = result.get("matches0", result.get("matches"))
+    matches = None if result.get("matches") is None else _array(result["matches"])
+    if matches is None and result.get("matches0") is not None:
+        matches = _array(result["matches0"]).reshape(-1)
     if matches is not None and keypoints is not None:
-        return _of_indices(_array(matches), scores, keypoints)
+        return _of_indices(matches, scores, keypoints)
     if named is None:
         _fail("matcher", "keypoints0 and keypoints1 with matches, or mkpts0 and mkpts1", result)
     return named[0], named[1], scores
 
 
-def _found(result: Any, keypoints: Optional[Sequence[Numbers]]) -> _Pixels:
+def _found(result: Any, keypoints: Optional[Sequence[np.ndarray]]) -> _Pixels:
     """The pixels and scores of what a matcher returned; `keypoints` are those of the features it was given."""
     if isinstance(result, Mapping):
         return _of_names(result, keypoints)
@@ -173,15 +201,112 @@ def _found(result: Any, keypoints: Optional[Sequence[Numbers]]) -> _Pixels:
     _fail("matcher", expected, rows if rows.ndim else result)
 
 
-def matcher_of(matcher: Matcher, extractor: Optional[Extractor] = None) -> Callable[
-        [str, Optional[Image], Sequence[str]], List[_Pixels]]:
-    """What the module calls for the matches of a query with its references, one call at a time: with a
-    query's pixels, or None and its file, and the names and files of the references."""
-    match = _match_by(matcher, extractor is not None)
+def _checked(result: Any, keypoints: Optional[Sequence[np.ndarray]] = None) -> _Pixels:
+    """The pixels of what a matcher returned; `keypoints` are those of the features it was given."""
+    first_px, second_px, scores = _found(result, keypoints)
+    if len(first_px) != len(second_px) or (scores is not None and len(scores) != len(first_px)):
+        raise _core.InputError(f"matcher: expected as many pixels of both photographs and scores, found "
+                               f"{len(first_px)}, {len(second_px)} and {len(first_px) if scores is None else len(scores)}")
+    return first_px, second_px, scores
+
+
+def _match_photographs(match: Callable[[Any, List[Any]], Sequence[Any]], query: np.ndarray,
+                       references: List[np.ndarray], first_pixel: float) -> List[_Pixels]:
+    found = []
+    for reference, result in zip(references, _as_many(match(query, references), references)):
+        predictions = _adapters.predictions_in(result)
+        if predictions is not None:
+            result = _adapters.match_predictions(predictions, (query, reference), first_pixel)
+        found.append(_checked(result))
+    return found
+
+
+def _as_many(results: Sequence[Any], references: Sequence[Any]) -> Sequence[Any]:
+    if len(results) != len(references):
+        raise _core.InputError(f"matcher: expected the matches with {len(references)} references, found {len(results)}")
+    return results
+
+
+def pixels_of(matcher: Matcher, first: np.ndarray, second: np.ndarray) -> _Pixels:
+    """What a matcher of photographs finds, the first pixel's center being (0, 0) where that is known."""
+    with _adapters.without_gradients():
+        return _match_photographs(_match_by(matcher, False, 0), first, [second], 0)[0]
+
+
+class _MatchCache:
+    """Matches of photographs in files as hloc.match_dense keeps them, matches-NAME.h5: of each pair
+    keypoints0, keypoints1 (the first pixel's center is (0, 0)) and scores, float32."""
+
+    def __init__(self, folder: str, name: str, first_pixel: float) -> None:
+        try:
+            import h5py
+        except ImportError:
+            raise ImportError("matcher_name needs h5py, which keeps matches in hloc's layout: pip install h5py") from None
+        if "/" in name:
+            raise _core.OptionError(f"matcher_name = {name}: must be part of a file's name")
+        os.makedirs(folder, exist_ok=True)
+        self._open, self._first_pixel = h5py.File, first_pixel
+        self._file = os.path.join(folder, f"matches-{name}.h5")
+
+    @contextlib.contextmanager
+    def _opened(self) -> Iterator[Any]:
+        """The file, for this process alone."""
+        with open(self._file + ".lock", "w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            try:
+                file = self._open(self._file, "a")
+            except OSError as error:
+                raise _core.InputError(f"{self._file}: expected matches in HDF5 ({error}); without it they are "
+                                       "made anew") from None
+            with file:
+                yield file
+
+    def _stamp(self, *files: str) -> str:
+        """Changes with the photographs, and with how their pixels are understood."""
+        states = [os.stat(file) for file in files]
+        return " ".join(str(number) for state in states for number in (state.st_size, state.st_mtime_ns)) + \
+            f" first_pixel {self._first_pixel:g}"
+
+    @staticmethod
+    def _pair(*names: str) -> str:
+        return "/".join(name.replace("/", "-") for name in names)
+
+    def read(self, query: Sequence[str], references: Sequence[Sequence[str]]) -> List[Optional[_Pixels]]:
+        """By name and file of each; None where there are none of these photographs."""
+        found: List[Optional[_Pixels]] = []
+        with self._opened() as file:
+            for name, path in references:
+                pair = file.get(self._pair(query[0], name))
+                if pair is None or pair.attrs.get("photographs") != self._stamp(query[1], path):
+                    found.append(None)
+                    continue
+                pixels = [pair[key][()].astype(float) + self._first_pixel for key in ("keypoints0", "keypoints1")]
+                found.append((pixels[0], pixels[1], pair["scores"][()].astype(float)))
+        return found
+
+    def write(self, query: Sequence[str], references: Sequence[Sequence[str]], matches: Sequence[_Pixels]) -> None:
+        with self._opened() as file:
+            for (name, path), (first_px, second_px, scores) in zip(references, matches):
+                pair = self._pair(query[0], name)
+                if pair in file:
+                    del file[pair]
+                group = file.create_group(pair)
+                for key, pixels in (("keypoints0", first_px), ("keypoints1", second_px)):
+                    group[key] = (pixels - self._first_pixel).astype(np.float32)
+                group["scores"] = np.ones(len(first_px), np.float32) if scores is None else scores.astype(np.float32)
+                group.attrs["photographs"] = self._stamp(query[1], path)
+
+
+def matcher_of(matcher: Matcher, extractor: Optional[Extractor] = None, first_pixel: float = 0, cache: str = "",
+               matcher_name: str = "") -> Callable[..., List[_Pixels]]:
+    """What the module calls for the matches of a query with its references, one call at a time: with name and
+    file of the query and of each reference, and the query's pixels where they are in memory."""
+    match = _match_by(matcher, extractor is not None, first_pixel)
     extract = None if extractor is None else _extract_by(extractor)
     lock, kept = threading.RLock(), dict[str, Any]()
+    stored = _MatchCache(cache, matcher_name, first_pixel) if cache and matcher_name else None
 
-    def seen(file: str, image: Optional[Image]) -> Any:
+    def seen(file: str, image: Optional[np.ndarray]) -> Any:
         """What the matcher takes of a photograph: its pixels, or its features."""
         if image is not None:
             return image if extract is None else extract(image)
@@ -193,19 +318,24 @@ def matcher_of(matcher: Matcher, extractor: Optional[Extractor] = None) -> Calla
             kept[file] = extract(_core.read_image(file))
         return kept[file]
 
-    def pair(first: Any, second: Any) -> _Pixels:
-        keypoints = None
-        if extract is not None:
-            keypoints = [_keypoints_and_descriptors(features)[0] for features in (first, second)]
-        first_px, second_px, scores = _found(match(first, second), keypoints)
-        if len(first_px) != len(second_px) or (scores is not None and len(scores) != len(first_px)):
-            raise _core.InputError(f"matcher: expected as many pixels of both photographs and scores, found "
-                                   f"{len(first_px)}, {len(second_px)} and {len(first_px) if scores is None else len(scores)}")
-        return first_px, second_px, scores
+    def matched(file: str, image: Optional[np.ndarray], references: Sequence[str]) -> List[_Pixels]:
+        query, others = seen(file, image), [seen(reference, None) for reference in references]
+        if extract is None:
+            return _match_photographs(match, query, others, first_pixel)
+        keypoints = _keypoints(query)
+        return [_checked(result, (keypoints, _keypoints(other)))
+                for other, result in zip(others, _as_many(match(query, others), others))]
 
-    def matches(file: str, image: Optional[Image], references: Sequence[str]) -> List[_Pixels]:
-        with lock:
-            query = seen(file, image)
-            return [pair(query, seen(reference, None)) for reference in references]
+    def matches(query: Sequence[str], references: Sequence[Sequence[str]],
+                image: Optional[np.ndarray] = None) -> List[_Pixels]:
+        with lock, _adapters.without_gradients():
+            if stored is None or image is not None:
+                return matched(query[1], image, [file for _, file in references])
+            found = stored.read(query, references)
+            missing = [reference for reference, one in zip(references, found) if one is None]
+            if missing:
+                stored.write(query, missing, matched(query[1], None, [file for _, file in missing]))
+                found = stored.read(query, references)
+            return [one for one in found if one is not None]
 
     return matches

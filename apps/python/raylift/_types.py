@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import Any, Callable, Literal, Mapping, Optional, Protocol, Sequence, Tuple, TypedDict, Union
+from typing import Any, Callable, List, Literal, Mapping, Optional, Protocol, Sequence, Tuple, TypedDict, Union
 
 import numpy.typing
 
@@ -110,11 +110,33 @@ class OpenCvMatcher(Protocol):
     def match(self, query: Descriptors, reference: Descriptors, /) -> object: ...
 
 
-Extractor = Union[Callable[[numpy.typing.NDArray[numpy.uint8]], object], OpenCvFeature2D]
+class TensorExtractor(Protocol):
+    """SuperPoint, DISK, ALIKED and SIFT of LightGlue."""
+
+    def extract(self, image: Any, /) -> object: ...
+
+
+class BatchMatcher(Protocol):
+    """One that is called once for a query with all its references, a list: returns as many results."""
+
+    def match_batch(self, query: Any, references: List[Any], /) -> Sequence[object]: ...
+
+
+class DenseMatcher(Protocol):
+    """RoMa and DKM."""
+
+    def match(self, query: Any, reference: Any, /) -> Any: ...
+    def sample(self, warp: Any, certainty: Any, /) -> Any: ...
+    def to_pixel_coordinates(self, rows: Any, h0: int, w0: int, h1: int, w1: int, /) -> Any: ...
+
+
+Extractor = Union[Callable[[numpy.typing.NDArray[numpy.uint8]], object], OpenCvFeature2D, TensorExtractor]
 """Called with a photograph (H, W, 3): returns keypoints (N, 2) and descriptors (N, D), a dict or pair."""
-Matcher = Union[Callable[[Any, Any], object], OpenCvMatcher]
+Matcher = Union[Callable[[Any, Any], object], Callable[[Any], object], OpenCvMatcher, BatchMatcher, DenseMatcher]
 """Called with the photographs of a query and a reference, or with their extractor's features: returns
-pixels (N, 4), or indices of keypoints (K, 2)."""
+pixels (N, 4), or indices of keypoints (K, 2). LightGlue alone is called with one dict."""
+GlobalDescriptor = Callable[[numpy.typing.NDArray[numpy.uint8]], object]
+"""Called with a photograph (H, W, 3): returns a vector (D,), alike for photographs of one place."""
 Progress = Callable[[int, int, str], object]
 """Called with (done, total, what): 3 of 10 "queries"."""
 
@@ -174,6 +196,7 @@ class HlocOptions(EstimatorOptions, FilterThresholds, CandidateOptions, total=Fa
     max_ratio: float
     cache: PathLike
     extractor_name: str
+    matcher_name: str
     query_images: PathLike
     min_match_score: float
     first_pixel: float

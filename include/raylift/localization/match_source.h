@@ -95,6 +95,10 @@ using PhotographMatcher = std::function<std::vector<PixelMatches>(
 // by the caller.
 using FeatureExtractor = std::function<Features(const Image& photograph)>;
 
+// Describes a photograph (RGB) by a vector of unit length, by which photographs of one place are found;
+// called from several threads.
+using GlobalDescriptor = std::function<Eigen::VectorXf(const Image& photograph)>;
+
 // The built-in front end: RootSIFT features, retrieval by VLAD unless it is given, and mutual
 // nearest neighbors. All that other programs would bring, made from the photographs alone.
 
@@ -114,9 +118,13 @@ struct FrontEndOptions {
   FeatureExtractor extractor = nullptr;
   std::string extractor_name = {};
   // In place of mutual nearest neighbors: the retrieved references are matched by it, and `reading`
-  // says how its pixels are taken.
+  // says how its pixels are taken. By `matcher_name` its matches may be kept in the cache, which it
+  // does itself.
   PhotographMatcher matcher = nullptr;
+  std::string matcher_name = {};
   MatchReading reading = {};
+  // In place of VLAD, unless the references are given below; nothing of it is kept.
+  GlobalDescriptor descriptor = nullptr;
   uint64_t seed = 0;
   int threads = 0;
   bool show_progress = false;

@@ -82,9 +82,32 @@ std::optional<VladVectors> PackedVectors(const std::filesystem::path& model,
   return vectors;
 }
 
+// A column for each photograph.
+Eigen::MatrixXf Describe(std::span<const ImageFile> photographs, const FrontEndOptions& options) {
+  std::vector<Eigen::VectorXf> vectors(photographs.size());
+  ParallelFor(photographs.size(), options.threads, [&](size_t i) {
+    vectors[i] = options.descriptor(ReadImage(photographs[i].path, ImageChannels::kRgb));
+  });
+  Eigen::MatrixXf columns(vectors.empty() ? 0 : vectors.front().size(), std::ssize(vectors));
+  for (size_t i = 0; i < vectors.size(); ++i) {
+    if (vectors[i].size() != columns.rows()) {
+      throw InputError(photographs[i].path,
+                       fmt::format("expected a global descriptor of {} numbers, found {}",
+                                   columns.rows(), vectors[i].size()));
+    }
+    columns.col(static_cast<Eigen::Index>(i)) = vectors[i];
+  }
+  return columns;
+}
+
 VladIndex IndexOf(const std::filesystem::path& model, const std::vector<PosedImage>& references,
                   const FeatureStore& features, const FrontEndOptions& options) {
   std::vector<std::string> names = NamesOf(references);
+  if (options.descriptor) {
+    std::vector<ImageFile> files;
+    for (const std::string& name : names) files.push_back({name, options.reference_images / name});
+    return {std::move(names), {.vocabulary = {}, .of_references = Describe(files, options)}};
+  }
   auto vectors = PackedVectors(model, names);
   if (!vectors) {
     vectors =
@@ -132,10 +155,10 @@ class FrontEndMatches final : public MatchSource {
 
   bool MatchesReferences() const override { return true; }
 
-  // References are retrieved by VLAD, in whatever way the queries' are.
+  // References are retrieved by their vectors, in whatever way the queries' are.
   QueryMatches MatchReference(const Query& reference) const override {
     return MatchWith(reference, nullptr, *features_->Get(reference.name),
-                     BestByVlad(reference.name, Index()->VectorOfReference(reference.name)));
+                     MostAlike(reference.name, Index()->VectorOfReference(reference.name)));
   }
 
   void Join(const PosedImage& localized_query) override {
@@ -157,10 +180,20 @@ class FrontEndMatches final : public MatchSource {
                     query.name);
     }
     return MatchWith(query, photograph, {features, CanonicalKeypoints(features.keypoints_px)},
-                     BestByVlad(query.name, Index()->VectorOf(features)));
+                     MostAlike(query.name, VectorOf(query.name, photograph, features)));
   }
 
-  std::vector<int> BestByVlad(const std::string& query, const Eigen::MatrixXf& vector) const {
+  Eigen::VectorXf VectorOf(const std::string& query, const Image* photograph,
+                           const Features& features) const {
+    if (!options_.descriptor) return Index()->VectorOf(features);
+    if (photograph == nullptr) {
+      throw InputError("the features of " + query +
+                       " are in memory: the global descriptor takes photographs");
+    }
+    return options_.descriptor(*photograph);
+  }
+
+  std::vector<int> MostAlike(const std::string& query, const Eigen::MatrixXf& vector) const {
     const std::string name[] = {query};
     const RetrievedLists best = Index()->Best(name, vector, options_.top_k, 1);
     std::vector<int> retrieved;
@@ -257,13 +290,21 @@ class FrontEndMatches final : public MatchSource {
     });
   }
 
+  RetrievedLists RetrieveByVectors(const std::vector<std::string>& queries) const {
+    if (!options_.descriptor) {
+      return RetrieveByVlad(*Index(), queries, *features_, options_.top_k, options_.threads);
+    }
+    std::vector<ImageFile> files;
+    for (const std::string& name : queries) files.push_back({name, InFile(name).file});
+    return Index()->Best(queries, ReadOpened([&] { return Describe(files, options_); }),
+                         options_.top_k, options_.threads);
+  }
+
   void Retrieve(const std::vector<Query>& queries) {
     if (queries.empty()) return;
     const std::vector<std::string> query_names = NamesOf(queries);
     const RetrievedLists ranks =
-        options_.retrieved
-            ? *options_.retrieved
-            : RetrieveByVlad(*Index(), query_names, *features_, options_.top_k, options_.threads);
+        options_.retrieved ? *options_.retrieved : RetrieveByVectors(query_names);
     RAYLIFT_CHECK_EQ(ranks.size(), queries.size());
     std::set<int> all_retrieved;
     std::vector<std::pair<std::string, std::string>> pairs;
