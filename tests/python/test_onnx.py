@@ -173,6 +173,80 @@ def test_a_matcher_of_photographs_localizes(tmp_path: Path) -> None:
     assert (reference - query == [3, 5]).all() and scores is None
 
 
+SCENE = np.random.default_rng(0).choice(np.arange(20, 236), (2, 300))
+
+
+def blobs(height: int = 256, width: int = 256) -> NDArray[np.uint8]:
+    """Bright pixels in the dark: 300 of (256, 256)."""
+    image = np.zeros((height, width, 3), np.uint8)
+    image[SCENE[1], SCENE[0]] = 255
+    return image
+
+
+def bright_pixels(first_pixel: float) -> Any:
+    def extract(image: NDArray[np.uint8]) -> dict[str, Any]:
+        y, x = np.nonzero(image[:, :, 0] > 127)
+        return {"keypoints": np.stack([x, y], axis=1) + first_pixel, "descriptors": np.ones((len(x), 4))}
+    return extract
+
+
+@pytest.mark.parametrize("stated", [0, 0.5])
+@pytest.mark.parametrize("is_at", [0, 0.5])
+def test_doctor_tells_the_first_pixel_without_onnxruntime(is_at: float, stated: float) -> None:
+    found = raylift.onnx.doctor(blobs(), extractor=bright_pixels(is_at), first_pixel=stated)
+    assert (found["x"], found["y"], found["sigma"]) == (is_at, is_at, 0) and found["fits"] == is_at
+    says = f"as stated: {stated:g}" if is_at == stated else f"not {stated:g} as stated: say first_pixel={is_at:g}"
+    assert found["text"].startswith(f"the first pixel's center is ({is_at:.2f}, {is_at:.2f})") and says in found["text"]
+
+    def match(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.float64]:
+        """Places in the middle of the first picture, with noise, and in the second."""
+        assert (second[0, :2] == first[64, 64]).all() and second.shape == first.shape
+        rng = np.random.default_rng(1)
+        places = rng.uniform(64, 192, (2000, 2))
+        rows = np.hstack([places, 2 * (places - 64)]) - 0.5 + is_at
+        return rows + rng.normal(0, 0.1, rows.shape)
+    of_matches = raylift.onnx.doctor(blobs(), matcher=match, first_pixel=stated)
+    assert of_matches["fits"] == is_at and says in of_matches["text"]
+    # 2 x - x' has the noise of 0.1 sqrt(5), of which a median of 2000 has 1.25 / sqrt(2000).
+    assert of_matches["sigma"] == pytest.approx(1.25 * 0.1 * 5**0.5 / 2000**0.5, rel=0.2)
+    assert abs(of_matches["x"] - is_at) < 4 * of_matches["sigma"]
+
+
+def test_doctor_says_what_fits_nothing_without_onnxruntime() -> None:
+    found = raylift.onnx.doctor(blobs(), extractor=bright_pixels(-1.25))
+    assert found["fits"] is None and found["x"] == -1.25
+    assert found["text"].endswith("neither 0 as stated nor 0 or 0.5: are pixels brought to the photograph's size edge to edge?")
+    with pytest.raises(raylift.InputError, match="expected 20 that are found again, found 0"):
+        raylift.onnx.doctor(np.zeros((64, 64, 3), np.uint8), extractor=bright_pixels(0))
+    with pytest.raises(raylift.InputError, match="expected an extractor or a matcher, found neither"):
+        raylift.onnx.doctor(blobs())
+
+
+@pytest.mark.parametrize("stated", [0, 0.5])
+@pytest.mark.parametrize("is_at", [0, 0.5])
+@pytest.mark.parametrize("size", ["h", 64])  # as the photograph, or a quarter of it
+def test_doctor_tells_the_first_pixel_of_a_graph(tmp_path: Path, size: int | str, is_at: float, stated: float) -> None:
+    # A spot of 4 x 4 pixels is one of the smaller picture.
+    image = np.repeat(np.repeat(blobs()[::4, ::4], 4, axis=0), 4, axis=1) if size == 64 else blobs()
+    nodes = [*bright("image"), node("Add", ["keypoints", "shift"], "kpts"), node("Identity", ["rows"], "descriptors")]
+    file = write_graph(tmp_path / "of.onnx", [("image", FLOAT, [1, 1, size, "w" if size == "h" else size])], nodes,
+                       [("kpts", FLOAT, ["n", 2]), ("descriptors", FLOAT, ["n", 4])],
+                       [*CONSTANTS, ("shift", np.array([is_at], np.float32))])
+    found = raylift.onnx.doctor(image, extractor=raylift.onnx.Extractor(file, first_pixel=stated))
+    assert found["fits"] == is_at and found["stated"] == stated
+    assert (found["x"], found["y"]) == pytest.approx((is_at, is_at))
+
+
+def test_doctor_of_a_photograph_without_onnxruntime() -> None:
+    cv2 = pytest.importorskip("cv2")
+    image = raylift.read_image(next((DEMO / "images").rglob("*.jpg")))
+    assert raylift.onnx.doctor(image, extractor=cv2.AKAZE_create())["fits"] == 0
+    # OpenCV doubles a photograph from its first pixel's center on, and halves what is found there.
+    of_sift = raylift.onnx.doctor(image, extractor=cv2.SIFT_create(2000))
+    assert (of_sift["x"], of_sift["y"]) == pytest.approx((0.25, 0.25), abs=0.01) and of_sift["sigma"] < 0.01
+    assert of_sift["fits"] is None and "first_pixel=0.25 fits better" in of_sift["text"]
+
+
 def write_png(file: Path, image: NDArray[np.uint8]) -> None:
     import struct
     import zlib

@@ -79,6 +79,8 @@ def of_arrays(tmp_path: Path) -> Iterator[tuple[Any, ...]]:
     yield raylift.write_depth(tmp_path / "depth.exr", view["depth"]), _results.WrittenDepth
     yield raylift.filter_points(localized.problem, "fixed")[2], _results.FilterCounts
     yield localized.counts, _results.StageCounts
+    yield raylift.onnx.doctor(view["color"], matcher=lambda *_: np.tile([160.0, 120, 0, 0], (20, 1)),
+                              first_pixel=0.5), _results.FirstPixel
     yield localized.estimate.noise, _results.Noise
     yield matches, _results.GivenMatches
 

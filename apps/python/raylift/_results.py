@@ -549,3 +549,15 @@ class GivenMatches(_GivenMatches, total=False):
     """Of hloc.matches_from(): arguments of Localizer.localize_matches()."""
 
     query_keypoints: NDArray[int64]
+
+
+class FirstPixel(TypedDict):
+    """Of onnx.doctor(): where the center of the first pixel is, its standard deviation, and which of what was
+    stated, 0 and 0.5 it fits, None: none."""
+
+    x: float
+    y: float
+    sigma: float
+    stated: float
+    fits: Optional[float]
+    text: str

@@ -3,7 +3,8 @@
 
     extractor = raylift.onnx.Extractor("superpoint.onnx", longer_side=1024)
     matcher = raylift.onnx.Matcher("lightglue.onnx", centered_keypoints=True)
-    localizer = raylift.Localizer(scene, extractor=extractor, matcher=matcher)
+    localizer = raylift.Localizer(scene, extractor=extractor, matcher=matcher,
+                                  retrieval=raylift.onnx.GlobalDescriptor("netvlad.onnx"))
 
 Tensors are known by their names ("image", "keypoints0", "descriptors", "scores", "matches0", ...) or
 given: roles={"keypoints": "output_3"}. A photograph becomes (1, C, H, W), gray where C is 1, else RGB, as
@@ -14,7 +15,7 @@ pixels, by a triangle filter that averages what becomes smaller, and edge to edg
 corners. `first_pixel` says where the graph puts the center of its first pixel: (0, 0) as OpenCV and
 most networks do, or 0.5. What it finds at x on a picture of the width w is
 (x - first_pixel + 0.5) * W / w - 0.5 of the photograph's W: of all results the first pixel's center is
-(0, 0), as Localizer takes them by default.
+(0, 0), as Localizer takes them by default. doctor() tests it.
 """
 
 from __future__ import annotations
@@ -37,13 +38,15 @@ from typing import (
 
 import numpy as np
 
-from . import _core
+from . import _core, _matching
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
     from typing_extensions import Unpack
 
-    from ._results import GraphFeatures, GraphMatches
+    from ._results import FirstPixel, GraphFeatures, GraphMatches
+    from ._types import Extractor as ExtractorLike
+    from ._types import Matcher as MatcherLike
     from ._types import ModelOptions, PathLike
 
     Image = NDArray[np.uint8]
@@ -215,6 +218,9 @@ class _Model:
             name = graph.need("image", graph.inputs, suffix)
         return name, graph.picture(name, image, self._longer_side)
 
+    def _scale(self, image: Image) -> Numbers:
+        return self._picture(image, "" if isinstance(self, Extractor) else "0")[1].scale
+
     def _of_photograph(self, pixels: Tensor, scale: Numbers) -> Numbers:
         return (_rows(pixels, 2).astype(float) - self._first_pixel + 0.5) / scale - 0.5
 
@@ -343,3 +349,83 @@ class GlobalDescriptor(_Model):
             order = np.argsort(-(vectors @ self(_core.read_image(file))), kind="stable")
             found[name] = [names[i] for i in order if names[i] != name][:top_k]
         return found
+
+
+# A keypoint of a mirrored photograph is looked for so far from where it is mirrored to, and across so far.
+_FAR_PX = 8.0
+_ACROSS_PX = 1.0
+# Sides of the photograph become multiples of it, so that grids of networks are mirrored to themselves.
+_GRID_PX = 32
+_FEWEST = 20
+
+
+def _center(shifts: Array, what: str) -> Tuple[float, float]:
+    """Where most of them lie, and its standard deviation."""
+    counts, edges = np.histogram(shifts, np.arange(-_FAR_PX - 0.125, _FAR_PX + 0.25, 0.25))
+    most = np.convolve(counts, np.ones(3), "same").argmax()
+    near = shifts[np.abs(shifts - (edges[most] + 0.125)) <= 0.5]
+    if len(near) < _FEWEST:
+        raise _core.InputError(f"{what}: expected {_FEWEST} that are found again, found {len(near)}")
+    center = float(np.median(near))
+    # Of a median 1.25 times as much as of a mean.
+    return center, 1.25 * 1.4826 * float(np.median(np.abs(near - center))) / np.sqrt(len(near))
+
+
+def _first_pixel_of_extractor(extractor: ExtractorLike, image: Array, axis: int) -> Tuple[float, float]:
+    """By the photograph and its mirror image: x of the one and x' of the other are W - 1 + 2 first_pixel."""
+    extract = _matching.extractor_of(extractor)
+    first, second = (np.asarray(extract(one)["keypoints"], float)
+                     for one in (image, np.ascontiguousarray(np.flip(image, 1 - axis))))
+    second = second[np.argsort(second[:, 1 - axis], kind="stable")]
+    shifts = [np.zeros(0)]
+    for keypoint in first:
+        begin, end = np.searchsorted(second[:, 1 - axis], keypoint[1 - axis] + np.array([-_ACROSS_PX, _ACROSS_PX]))
+        shifts.append(keypoint[axis] + second[begin:end, axis] - (image.shape[1 - axis] - 1))
+    near = np.concatenate(shifts)
+    center, sigma = _center(near[np.abs(near) <= _FAR_PX], "extractor, keypoints of a mirrored photograph")
+    return center / 2, sigma / 2
+
+
+def _first_pixel_of_matcher(matcher: MatcherLike, image: Array, axis: int) -> Tuple[float, float]:
+    """By the photograph and the middle of it with each pixel twice, which has the same size: x of the one, and
+    x' of the other, of the same place, are such that x' = 2 (x - W / 4) + 1/2 - first_pixel."""
+    top, left = image.shape[0] // 4, image.shape[1] // 4
+    middle = np.repeat(np.repeat(image[top:3 * top, left:3 * left], 2, axis=0), 2, axis=1)
+    first, second, _ = _matching.pixels_of(matcher, image, middle)
+    shifts = 2 * (first[:, axis] - (left, top)[axis]) - second[:, axis] + 0.5
+    return _center(shifts[np.abs(shifts) <= _FAR_PX], "matcher, matches with the enlarged middle of the photograph")
+
+
+def doctor(photograph: Array, *, extractor: Optional[ExtractorLike] = None, matcher: Optional[MatcherLike] = None,
+           first_pixel: float = 0) -> FirstPixel:
+    """Tests where an extractor, or a matcher of photographs, puts the center of the first pixel: by a
+    photograph (H, W, 3), uint8, and the same mirrored, or its middle enlarged, whose pixels are known exactly.
+
+    Any that Localizer takes. first_pixel: as it is stated to Localizer, so of no model of this module, which
+    know it. Returns what was measured, its standard deviation, and in words whether it is what was stated."""
+    own: Any = matcher if extractor is None else extractor
+    if (extractor is None) == (matcher is None):
+        raise _core.InputError("doctor: expected an extractor or a matcher, found "
+                               f"{'neither' if own is None else 'both'}")
+    image = np.asarray(photograph)
+    image = image[:image.shape[0] // _GRID_PX * _GRID_PX, :image.shape[1] // _GRID_PX * _GRID_PX]
+    measure: Any = _first_pixel_of_matcher if extractor is None else _first_pixel_of_extractor
+    measured = np.array([measure(own, image, axis) for axis in (0, 1)])
+    stated = first_pixel
+    if isinstance(own, _Model):
+        # Its results are as Localizer takes them where what was stated is right.
+        stated, measured = own._first_pixel, measured * own._scale(image)[:, None]
+        measured[:, 0] += stated
+    x, y = measured[:, 0].tolist()
+    sigma = float(measured[:, 1].max())
+    fits = next((of for of in (stated, 0.0, 0.5) if np.abs(measured[:, 0] - of).max() < max(0.125, 3 * sigma)), None)
+    text = f"the first pixel's center is ({x:.2f}, {y:.2f}), +- {sigma:.3f}"
+    if fits == stated:
+        text += f", as stated: {stated:g}"
+    elif fits is not None:
+        text += f", not {stated:g} as stated: say first_pixel={fits:g}"
+    else:
+        text += f", neither {stated:g} as stated nor 0 or 0.5: "
+        text += (f"first_pixel={(x + y) / 2:.2f} fits better" if 0 <= x <= 1 and abs(x - y) < max(0.05, 3 * sigma) else
+                 "are pixels brought to the photograph's size edge to edge?")
+    return {"x": x, "y": y, "sigma": sigma, "stated": float(stated), "fits": fits, "text": text}
