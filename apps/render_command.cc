@@ -307,21 +307,17 @@ void PrintJsonLine(const RenderedImage& image) {
   std::fflush(stdout);
 }
 
-std::vector<View> ReadCameras(const RenderFlags& flags, std::vector<std::string>& warnings) {
+std::vector<PosedImage> ReadCameras(const RenderFlags& flags, std::vector<std::string>& warnings) {
   if (!flags.model.empty()) return ReadModelViews(flags.model, warnings);
   if (flags.cameras.extension() != ".json") return ReadViewList(flags.cameras);
-  std::vector<View> views;
-  for (const PosedImage& image : ReadTransforms(flags.cameras, warnings)) {
-    views.push_back({image.name, image.camera, image.cam_from_world});
-  }
-  return views;
+  return ReadTransforms(flags.cameras, warnings);
 }
 
 class RenderRun {
  public:
   RenderRun(const RenderFlags& flags, RenderJobOptions options)
       : flags_(flags), options_(std::move(options)) {
-    std::vector<View> views = ReadCameras(flags, warnings_);
+    std::vector<PosedImage> views = ReadCameras(flags, warnings_);
     if (const auto warning = StretchWarning(views, flags.selection)) {
       warnings_.push_back("--size: " + *warning);
     }

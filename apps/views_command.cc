@@ -178,11 +178,8 @@ void Run(const ViewsFlags& flags) {
       MakeSampledModel(options.camera, views.cam_from_world, flags.rig_cameras);
   WriteColmapModel(flags.out, model, flags.text ? ColmapForm::kText : ColmapForm::kBinary);
   if (flags.preview) {
-    std::vector<View> shown;
-    for (const PosedImage& image : model.PosedImages()) {
-      shown.push_back({image.name, image.camera, image.cam_from_world});
-    }
-    WriteImage(flags.out / "preview.png", MakeContactSheet(scene.caster, shown, flags.run.threads));
+    WriteImage(flags.out / "preview.png",
+               MakeContactSheet(scene.caster, model.PosedImages(), flags.run.threads));
   }
   if (!flags.run.quiet) {
     const Eigen::Vector3d& up = options.up_in_world;

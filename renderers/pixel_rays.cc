@@ -5,7 +5,6 @@
 #include <limits>
 #include <numbers>
 
-#include "raylift/base/error.h"
 #include "raylift/base/parallel.h"
 
 namespace raylift {
@@ -38,41 +37,29 @@ Eigen::Vector3f Change(const Eigen::Vector3f& here, const Eigen::Vector3f& befor
 }  // namespace
 
 PixelRays::PixelRays(const Camera& camera, int threads)
-    : PixelRays(camera.is_panorama() ? std::nullopt : std::optional(camera), camera.width_px(),
-                camera.height_px(), threads) {}
-
-PixelRays PixelRays::Equirectangular(int width_px, int height_px, int threads) {
-  RAYLIFT_CHECK(width_px > 0 && height_px > 0);
-  return PixelRays(std::nullopt, width_px, height_px, threads);
-}
-
-PixelRays::PixelRays(std::optional<Camera> camera, int width_px, int height_px, int threads)
-    : camera_(std::move(camera)),
-      width_px_(width_px),
-      height_px_(height_px),
-      blocks_per_row_((width_px + kSide - 1) / kSide) {
-  if (camera_ && IsPinhole(camera_->model())) {
-    MakeSlopes(*camera_);
+    : camera_(camera), blocks_per_row_((camera.width_px() + kSide - 1) / kSide) {
+  if (IsPinhole(camera.model())) {
+    MakeSlopes();
   } else {
     MakeBlocks(threads);
   }
 }
 
-int PixelRays::NumBlockRows() const { return (height_px_ + kSide - 1) / kSide; }
+int PixelRays::NumBlockRows() const { return (height_px() + kSide - 1) / kSide; }
 
-void PixelRays::MakeSlopes(const Camera& camera) {
-  const Eigen::Vector2d center = camera.principal_point_px();
+void PixelRays::MakeSlopes() {
+  const Eigen::Vector2d center = camera_.principal_point_px();
   column_slopes_.resize(static_cast<size_t>(blocks_per_row_));
   row_slopes_.resize(static_cast<size_t>(NumBlockRows()));
   for (int lane = 0; lane < kSide * kSide; ++lane) {
     const auto i = static_cast<size_t>(lane);
     for (int bx = 0; bx < blocks_per_row_; ++bx) {
       column_slopes_[static_cast<size_t>(bx)][i] =
-          Slope(bx * kSide + lane % kSide, width_px_, center.x(), camera.focal_x_px());
+          Slope(bx * kSide + lane % kSide, width_px(), center.x(), camera_.focal_x_px());
     }
     for (int by = 0; by < NumBlockRows(); ++by) {
       row_slopes_[static_cast<size_t>(by)][i] =
-          Slope(by * kSide + lane / kSide, height_px_, center.y(), camera.focal_y_px());
+          Slope(by * kSide + lane / kSide, height_px(), center.y(), camera_.focal_y_px());
     }
   }
 }
@@ -82,8 +69,8 @@ void PixelRays::MakeBlocks(int threads) {
   blocks_.resize(static_cast<size_t>(blocks_per_row_) * static_cast<size_t>(block_rows));
   ParallelFor(static_cast<size_t>(block_rows), threads, [this](size_t row) {
     const int top = static_cast<int>(row) * kSide;
-    for (int y = top; y < std::min(top + kSide, height_px_); ++y) {
-      for (int x = 0; x < width_px_; ++x) {
+    for (int y = top; y < std::min(top + kSide, height_px()); ++y) {
+      for (int x = 0; x < width_px(); ++x) {
         const auto ray = RayInCam(x, y);
         if (!ray) continue;
         RayBlock& block =
@@ -98,15 +85,15 @@ void PixelRays::MakeBlocks(int threads) {
 }
 
 std::optional<Eigen::Vector3d> PixelRays::RayInCam(int x, int y) const {
-  if (camera_) return camera_->RayInCam({x + 0.5, y + 0.5});
-  const double azimuth = 2 * std::numbers::pi * ((x + 0.5) / width_px_ - 0.5);
-  const double elevation = std::numbers::pi * (0.5 - (y + 0.5) / height_px_);
+  if (!is_panorama()) return camera_.RayInCam({x + 0.5, y + 0.5});
+  const double azimuth = 2 * std::numbers::pi * ((x + 0.5) / width_px() - 0.5);
+  const double elevation = std::numbers::pi * (0.5 - (y + 0.5) / height_px());
   return Eigen::Vector3d(std::cos(elevation) * std::sin(azimuth), -std::sin(elevation),
                          std::cos(elevation) * std::cos(azimuth));
 }
 
 Eigen::Vector3f PixelRays::UnitRay(int x, int y) const {
-  if (x < 0 || y < 0 || x >= width_px_ || y >= height_px_) return Eigen::Vector3f::Zero();
+  if (x < 0 || y < 0 || x >= width_px() || y >= height_px()) return Eigen::Vector3f::Zero();
   const size_t i = LaneOf(x, y);
   if (is_pinhole()) {
     return Eigen::Vector3f(ColumnSlopes(x / kSide)[i], RowSlopes(y / kSide)[i], 1).normalized();
@@ -123,7 +110,7 @@ PixelRays::Differential PixelRays::DifferentialAt(int x, int y) const {
       return center.z() / static_cast<float>(focal_px) *
              (Eigen::Vector3f::Unit(axis) - center[axis] * center);
     };
-    return {moved(0, camera_->focal_x_px()), moved(1, camera_->focal_y_px())};
+    return {moved(0, camera_.focal_x_px()), moved(1, camera_.focal_y_px())};
   }
   return {Change(center, UnitRay(x - 1, y), UnitRay(x + 1, y)),
           Change(center, UnitRay(x, y - 1), UnitRay(x, y + 1))};

@@ -49,19 +49,20 @@ Json RowJson(const RenderedView& image) {
   const auto depth = [&image](auto member) {
     return image.depth_range ? Json((*image.depth_range).*member) : Json();
   };
-  return {{"image", image.view.name},
-          {"size", fmt::format("{} x {}", image.view.camera.width_px, image.view.camera.height_px)},
-          {"coverage_percent", 100 * image.coverage},
-          {"nearest", depth(&std::pair<float, float>::first)},
-          {"farthest", depth(&std::pair<float, float>::second)},
-          {"bytes", image.bytes}};
+  return {
+      {"image", image.view.name},
+      {"size", fmt::format("{} x {}", image.view.camera.width_px(), image.view.camera.height_px())},
+      {"coverage_percent", 100 * image.coverage},
+      {"nearest", depth(&std::pair<float, float>::first)},
+      {"farthest", depth(&std::pair<float, float>::second)},
+      {"bytes", image.bytes}};
 }
 
-void AddCamera(SceneJson& scene, const View& view) {
-  if (view.camera.lens) {
-    scene.AddCamera("reference", {view.name, *view.camera.lens, view.cam_from_world});
-  } else {
+void AddCamera(SceneJson& scene, const PosedImage& view) {
+  if (view.camera.is_panorama()) {
     scene.AddCamera("reference", view.name, view.cam_from_world);
+  } else {
+    scene.AddCamera("reference", view);
   }
 }
 

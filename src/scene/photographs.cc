@@ -2,22 +2,11 @@
 
 #include <map>
 
-#include <fmt/format.h>
-
 namespace raylift {
 
 bool PosedImage::Sees(const Eigen::Vector3d& point_in_world) const {
   const auto pixel = camera.ImgFromCam(cam_from_world * point_in_world);
   return pixel && camera.Contains(*pixel);
-}
-
-std::string ViewCamera::ToString() const {
-  return lens ? lens->ToString() : fmt::format("EQUIRECTANGULAR {} {}", width_px, height_px);
-}
-
-ViewCamera ViewCamera::Scaled(int new_width_px, int new_height_px) const {
-  return lens ? ViewCamera(lens->Scaled(new_width_px, new_height_px))
-              : Panorama(new_width_px, new_height_px);
 }
 
 std::vector<size_t> KeptIndices(std::span<const std::string> cameras,

@@ -33,8 +33,8 @@ const ProductOutput* Find(const RenderJobOptions& options, Product product) {
 }
 
 // The lens as nerfstudio has it, by the members of its file.
-Json LensJson(const View& view) {
-  const Camera& camera = *view.camera.lens;
+Json LensJson(const PosedImage& view) {
+  const Camera& camera = view.camera;
   Json json = {{"camera_model", "OPENCV"},
                {"w", camera.width_px()},
                {"h", camera.height_px()},
@@ -84,7 +84,7 @@ Json PoseJson(const Rigid3& cam_from_world) {
   return rows;
 }
 
-std::string CameraText(const View& view, std::vector<double> depths) {
+std::string CameraText(const PosedImage& view, std::vector<double> depths) {
   constexpr int kDepths = 192;
   const Eigen::Matrix3d rotation = view.cam_from_world.rotation.toRotationMatrix();
   std::string text = "extrinsic\n";
@@ -92,7 +92,7 @@ std::string CameraText(const View& view, std::vector<double> depths) {
     text += fmt::format("{} {} {} {}\n", rotation(r, 0), rotation(r, 1), rotation(r, 2),
                         view.cam_from_world.translation[r]);
   }
-  const Camera& camera = *view.camera.lens;
+  const Camera& camera = view.camera;
   text += fmt::format("0 0 0 1\n\nintrinsic\n{} 0 {}\n0 {} {}\n0 0 1\n\n", camera.focal_x_px(),
                       camera.principal_point_px().x(), camera.focal_y_px(),
                       camera.principal_point_px().y());
@@ -107,7 +107,7 @@ std::string CameraText(const View& view, std::vector<double> depths) {
 // Samples of what each view sees, and how well another view goes with it.
 class PairScorer {
  public:
-  PairScorer(const RayCaster& scene, std::span<const View> views, int threads)
+  PairScorer(const RayCaster& scene, std::span<const PosedImage> views, int threads)
       : scene_(scene), views_(views), points_(views.size()), depths_(views.size()) {
     ParallelFor(views.size(), threads, [&](size_t i) { Sample(i); });
   }
@@ -132,7 +132,7 @@ class PairScorer {
  private:
   void Sample(size_t index) {
     constexpr int kSide = 48;
-    const Camera& camera = *views_[index].camera.lens;
+    const Camera& camera = views_[index].camera;
     const Rigid3 world_from_cam = views_[index].cam_from_world.Inverse();
     std::vector<Ray> rays;
     for (int k = 0; k < kSide * kSide; ++k) {
@@ -176,7 +176,7 @@ class PairScorer {
   double Score(size_t view, size_t other, bool ask_what_is_between) const {
     const Vector3d from = views_[view].cam_from_world.OriginInSource();
     const Vector3d to = views_[other].cam_from_world.OriginInSource();
-    const Camera& camera = *views_[other].camera.lens;
+    const Camera& camera = views_[other].camera;
     double score = 0;
     for (const Vector3d& point : points_[view]) {
       const auto pixel = camera.ImgFromCam(views_[other].cam_from_world * point);
@@ -197,7 +197,7 @@ class PairScorer {
   }
 
   const RayCaster& scene_;
-  std::span<const View> views_;
+  std::span<const PosedImage> views_;
   std::vector<std::vector<Vector3d>> points_;
   std::vector<std::vector<double>> depths_;
 };
@@ -208,16 +208,18 @@ void CheckCameraFiles(std::span<const RenderTask> tasks, const RenderJobOptions&
   for (const CameraFiles files : options.camera_files) {
     const std::string name(ToString(files));
     for (const RenderTask& task : tasks) {
-      const auto& lens = task.view.camera.lens;
-      if (!lens) throw InputError(fmt::format("{} takes no panoramas: {}", name, task.view.name));
+      const Camera& camera = task.view.camera;
+      if (camera.is_panorama()) {
+        throw InputError(fmt::format("{} takes no panoramas: {}", name, task.view.name));
+      }
       if (files == CameraFiles::kTransforms) {
         LensJson(task.view);
-      } else if (lens->model() != CameraModel::kPinhole &&
-                 lens->model() != CameraModel::kSimplePinhole) {
+      } else if (camera.model() != CameraModel::kPinhole &&
+                 camera.model() != CameraModel::kSimplePinhole) {
         throw InputError(
             fmt::format("mvsnet takes pinholes alone, and the lens of {} is {}: "
                         "undistort the images and their cameras before",
-                        task.view.name, task.view.camera.ToString()));
+                        task.view.name, camera.ToString()));
       }
     }
     if (files == CameraFiles::kMvsnet) continue;
@@ -243,7 +245,7 @@ std::string TransformsJson(std::span<const RenderTask> tasks, const RenderJobOpt
   }
   json["frames"] = Json::array();
   for (const RenderTask& task : tasks) {
-    const View& view = task.view;
+    const PosedImage& view = task.view;
     Json frame;
     frame["file_path"] =
         options.photographs.empty()
@@ -261,7 +263,7 @@ std::string TransformsJson(std::span<const RenderTask> tasks, const RenderJobOpt
 }
 
 std::vector<std::string> WriteMvsnetCameras(const path& out, const RayCaster& scene,
-                                            std::span<const View> views, int threads) {
+                                            std::span<const PosedImage> views, int threads) {
   const PairScorer scorer(scene, views, threads);
   std::vector<std::string> pairs(views.size());
   ParallelFor(views.size(), threads, [&](size_t i) {

@@ -33,7 +33,7 @@ std::string FileName(const std::string& name, size_t max_length) {
   return name.size() <= max_length ? name : "..." + name.substr(name.size() - max_length + 3);
 }
 
-Tile RenderTile(const FrameRenderer& renderer, const View& view) {
+Tile RenderTile(const FrameRenderer& renderer, const PosedImage& view) {
   Frame frame = RenderScaled(renderer, view, kTileSide);
   Tile tile{"", frame.width_px, frame.height_px, std::move(frame.depth)};
   float low = 0;
@@ -93,7 +93,7 @@ void Draw(const Tile& tile, const LogScale& scale, cv::Mat target) {
 }  // namespace
 
 Image MakeContactSheet(const std::shared_ptr<const RayCaster>& scene,
-                       const std::vector<View>& views, int threads) {
+                       const std::vector<PosedImage>& views, int threads) {
   FrameOptions options;
   options.depth = true;
   const FrameRenderer renderer(scene, options);

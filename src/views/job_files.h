@@ -83,7 +83,7 @@ inline constexpr int kMaxTiles = 48;
 // range of its depth. Near is red, far is blue, on a logarithmic scale that all tiles share; no
 // surface is black. The same bytes for any number of threads.
 Image MakeContactSheet(const std::shared_ptr<const RayCaster>& scene,
-                       const std::vector<View>& views, int threads);
+                       const std::vector<PosedImage>& views, int threads);
 
 // One sentence: where both are, and what may be wrong with unit, origin or axes. At least one
 // camera.
@@ -112,7 +112,7 @@ std::string TransformsJson(std::span<const RenderTask> tasks, const RenderJobOpt
 // 2018 (MVSNet, Sec. 4.1): the sum over points that both see of a function of the angle between
 // the rays. Returns warnings: views that see nothing are left out.
 std::vector<std::string> WriteMvsnetCameras(const std::filesystem::path& out,
-                                            const RayCaster& scene, std::span<const View> views,
-                                            int threads);
+                                            const RayCaster& scene,
+                                            std::span<const PosedImage> views, int threads);
 
 }  // namespace raylift

@@ -94,7 +94,7 @@ class RayTables {
   explicit RayTables(size_t capacity) : capacity_(capacity) {}
 
   // Makes the table where it is not there. Thread safe; a table is made once.
-  std::shared_ptr<const PixelRays> Get(const ViewCamera& camera);
+  std::shared_ptr<const PixelRays> Get(const Camera& camera);
 
  private:
   using Table = std::shared_future<std::shared_ptr<const PixelRays>>;
@@ -104,7 +104,7 @@ class RayTables {
   std::list<std::pair<std::string, Table>> tables_;  // the last used first
 };
 
-std::shared_ptr<const PixelRays> RayTables::Get(const ViewCamera& camera) {
+std::shared_ptr<const PixelRays> RayTables::Get(const Camera& camera) {
   const std::string key = camera.ToString();
   std::promise<std::shared_ptr<const PixelRays>> promise;
   Table table;
@@ -124,7 +124,7 @@ std::shared_ptr<const PixelRays> RayTables::Get(const ViewCamera& camera) {
   }
   if (make) {
     try {
-      promise.set_value(std::make_shared<const PixelRays>(RaysOf(camera, 1)));
+      promise.set_value(std::make_shared<const PixelRays>(camera, 1));
     } catch (...) {
       promise.set_exception(std::current_exception());
     }
@@ -209,9 +209,9 @@ void RemoveLeftoversOfShard(std::span<const RenderTask> tasks, const RenderJobOp
   RemoveLeftovers(options.out, files);
 }
 
-size_t NumRays(const ViewCamera& camera, const RenderJobOptions& options) {
+size_t NumRays(const Camera& camera, const RenderJobOptions& options) {
   const size_t pixels =
-      static_cast<size_t>(camera.width_px) * static_cast<size_t>(camera.height_px);
+      static_cast<size_t>(camera.width_px()) * static_cast<size_t>(camera.height_px());
   const auto side = static_cast<size_t>(options.frame.color_options.samples_per_pixel_side);
   const bool has_color = std::any_of(options.products.begin(), options.products.end(), &HasColors);
   return has_color && side > 1 ? pixels * (1 + side * side) : pixels;
@@ -380,7 +380,7 @@ class RenderJob {
     const ManifestEntries all = EntriesOf(*whole);
     const CommittedFiles results;
     const std::vector<RenderTask> by_name = ByName(tasks_);
-    std::vector<View> views;
+    std::vector<PosedImage> views;
     for (const RenderTask& task : by_name) views.push_back(task.view);
     if (options_.preview) {
       WriteImage(options_.out / "preview.png", MakeContactSheet(scene_, views, threads_));

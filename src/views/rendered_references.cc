@@ -176,10 +176,6 @@ RenderedReferences RenderReferences(const std::shared_ptr<const RayCaster>& mesh
   ColmapModel model =
       MakeSampledModel(options.views.camera, sampled.views.cam_from_world, /*rig_cameras=*/1);
   RenameImages(model);
-  std::vector<View> views;
-  for (const PosedImage& image : model.PosedImages()) {
-    views.push_back({image.name, image.camera, image.cam_from_world});
-  }
   WriteColmapModel(references.model, model, ColmapForm::kText);
   RenderJobOptions job{.out = options.out,
                        .products = {{Product::kColor, "jpg"}},
@@ -188,7 +184,8 @@ RenderedReferences RenderReferences(const std::shared_ptr<const RayCaster>& mesh
                        .wait = true};
   job.frame.color_options = ColorsLikePhotographs(*mesh);
   job.storage.jpeg_quality = kJpegQuality;
-  references.rendered = RunRenderJob(mesh, SelectTasks(std::move(views), {}), job, hooks).rendered;
+  references.rendered =
+      RunRenderJob(mesh, SelectTasks(model.PosedImages(), {}), job, hooks).rendered;
   return references;
 }
 

@@ -18,43 +18,43 @@ namespace {
 
 constexpr int kMaxSide = 1 << 16;
 
-void KeepListed(const std::filesystem::path& list, std::vector<View>& views) {
+void KeepListed(const std::filesystem::path& list, std::vector<PosedImage>& views) {
   const std::vector<std::string> names = ReadImageList(list);
   const std::unordered_set<std::string> wanted(names.begin(), names.end());
-  std::erase_if(views, [&wanted](const View& view) { return !wanted.contains(view.name); });
+  std::erase_if(views, [&wanted](const PosedImage& view) { return !wanted.contains(view.name); });
   if (views.size() == wanted.size()) return;
   for (const std::string& name : names) {
     if (std::none_of(views.begin(), views.end(),
-                     [&name](const View& view) { return view.name == name; })) {
+                     [&name](const PosedImage& view) { return view.name == name; })) {
       throw InputError(list, fmt::format("\"{}\" is not among the images of the model", name));
     }
   }
 }
 
-void KeepMatching(const std::string& glob, std::vector<View>& views) {
-  std::erase_if(views, [&glob](const View& view) {
+void KeepMatching(const std::string& glob, std::vector<PosedImage>& views) {
+  std::erase_if(views, [&glob](const PosedImage& view) {
     return fnmatch(glob.c_str(), view.name.c_str(), 0) != 0;
   });
 }
 
-void Thin(const Subsampling& subsampling, std::vector<View>& views) {
+void Thin(const Subsampling& subsampling, std::vector<PosedImage>& views) {
   std::vector<std::string> cameras;
   cameras.reserve(views.size());
-  for (const View& view : views) cameras.push_back(view.camera.ToString());
-  std::vector<View> kept;
+  for (const PosedImage& view : views) cameras.push_back(view.camera.ToString());
+  std::vector<PosedImage> kept;
   for (const size_t i : KeptIndices(cameras, subsampling)) kept.push_back(std::move(views[i]));
   views = std::move(kept);
 }
 
-void SortByName(std::vector<View>& views) {
+void SortByName(std::vector<PosedImage>& views) {
   std::sort(views.begin(), views.end(),
-            [](const View& a, const View& b) { return a.name < b.name; });
+            [](const PosedImage& a, const PosedImage& b) { return a.name < b.name; });
 }
 
-std::vector<View> AllCubeFaces(const std::vector<View>& views, int side_px) {
-  std::vector<View> all;
-  for (const View& view : views) {
-    for (View& face : CubeFaces(view, side_px)) all.push_back(std::move(face));
+std::vector<PosedImage> AllCubeFaces(const std::vector<PosedImage>& views, int side_px) {
+  std::vector<PosedImage> all;
+  for (const PosedImage& view : views) {
+    for (PosedImage& face : CubeFaces(view, side_px)) all.push_back(std::move(face));
   }
   SortByName(all);
   return all;
@@ -69,15 +69,15 @@ int ScaledSide(const std::string& name, int side, double scale) {
   return static_cast<int>(scaled);
 }
 
-ViewCamera CameraOf(const View& view, const TaskSelection& selection) {
+Camera CameraOf(const PosedImage& view, const TaskSelection& selection) {
   if (selection.panorama) {
-    return ViewCamera::Panorama(selection.panorama->width_px, selection.panorama->height_px);
+    return Camera::Panorama(selection.panorama->width_px, selection.panorama->height_px);
   }
-  const ViewCamera& camera = view.camera;
+  const Camera& camera = view.camera;
   if (selection.size) return camera.Scaled(selection.size->width_px, selection.size->height_px);
   if (!selection.scale) return camera;
-  return camera.Scaled(ScaledSide(view.name, camera.width_px, *selection.scale),
-                       ScaledSide(view.name, camera.height_px, *selection.scale));
+  return camera.Scaled(ScaledSide(view.name, camera.width_px(), *selection.scale),
+                       ScaledSide(view.name, camera.height_px(), *selection.scale));
 }
 
 // A relative path without "..", so that nothing is written elsewhere.
@@ -114,7 +114,7 @@ PlaneSize ParseSize(std::string_view option, const std::string& text) {
   return {static_cast<int>(*width), static_cast<int>(*height)};
 }
 
-std::vector<View> CubeFaces(const View& view, int side_px) {
+std::vector<PosedImage> CubeFaces(const PosedImage& view, int side_px) {
   struct Face {
     const char* name;
     Eigen::Vector3d right_in_cam, down_in_cam;
@@ -127,7 +127,7 @@ std::vector<View> CubeFaces(const View& view, int side_px) {
   const double params[] = {half, half, half};
   const Camera lens(CameraModel::kSimplePinhole, side_px, side_px, params);
   const std::filesystem::path name(view.name);
-  std::vector<View> views;
+  std::vector<PosedImage> views;
   for (const Face& face : faces) {
     Eigen::Matrix3d face_from_cam;
     face_from_cam << face.right_in_cam.transpose(), face.down_in_cam.transpose(),
@@ -140,38 +140,34 @@ std::vector<View> CubeFaces(const View& view, int side_px) {
   return views;
 }
 
-std::vector<View> ReadModelViews(const std::filesystem::path& model,
-                                 std::vector<std::string>& warnings) {
+std::vector<PosedImage> ReadModelViews(const std::filesystem::path& model,
+                                       std::vector<std::string>& warnings) {
   const ColmapModel read = ReadColmapModel(model);
   warnings.insert(warnings.end(), read.warnings.begin(), read.warnings.end());
-  std::vector<View> views;
-  for (PosedImage& image : read.PosedImages()) {
-    views.push_back({std::move(image.name), image.camera, image.cam_from_world});
-  }
-  return views;
+  return read.PosedImages();
 }
 
-std::optional<std::string> StretchWarning(const std::vector<View>& views,
+std::optional<std::string> StretchWarning(const std::vector<PosedImage>& views,
                                           const TaskSelection& selection) {
   if (!selection.size) return std::nullopt;
   TaskSelection unscaled = selection;
   unscaled.size.reset();
   const std::vector<RenderTask> tasks = SelectTasks(views, unscaled);
   const auto is_stretched = [&size = *selection.size](const RenderTask& task) {
-    const int64_t width = task.view.camera.width_px, height = task.view.camera.height_px;
+    const int64_t width = task.view.camera.width_px(), height = task.view.camera.height_px();
     // The right shape with both sides rounded is within half a pixel of it.
     return 2 * std::abs(size.width_px * height - size.height_px * width) > width + height;
   };
   const auto count = std::count_if(tasks.begin(), tasks.end(), is_stretched);
   if (count == 0) return std::nullopt;
-  const View& first = std::find_if(tasks.begin(), tasks.end(), is_stretched)->view;
+  const PosedImage& first = std::find_if(tasks.begin(), tasks.end(), is_stretched)->view;
   return fmt::format(
       "{}x{} is of another shape than {} of {} images ({}: {}x{}): they are stretched",
       selection.size->width_px, selection.size->height_px, count, tasks.size(), first.name,
-      first.camera.width_px, first.camera.height_px);
+      first.camera.width_px(), first.camera.height_px());
 }
 
-std::vector<RenderTask> SelectTasks(std::vector<View> views, const TaskSelection& selection) {
+std::vector<RenderTask> SelectTasks(std::vector<PosedImage> views, const TaskSelection& selection) {
   SortByName(views);
   if (!selection.list.empty()) KeepListed(selection.list, views);
   if (!selection.glob.empty()) KeepMatching(selection.glob, views);
@@ -180,7 +176,7 @@ std::vector<RenderTask> SelectTasks(std::vector<View> views, const TaskSelection
   if (selection.cubemap) views = AllCubeFaces(views, *selection.cubemap);
   std::vector<RenderTask> tasks;
   std::unordered_map<std::string, std::string> name_of_stem;
-  for (View& view : views) {
+  for (PosedImage& view : views) {
     std::string stem = StemOf(view.name, tasks.size(), selection.pattern);
     const auto [other, is_new] = name_of_stem.emplace(stem, view.name);
     if (!is_new) {
@@ -198,9 +194,8 @@ std::vector<RenderTask> SelectTasks(std::vector<View> views, const TaskSelection
 std::optional<ColmapModel> ModelOf(std::span<const RenderTask> tasks) {
   std::vector<PosedImage> images;
   for (const RenderTask& task : tasks) {
-    const auto& [name, camera, cam_from_world] = task.view;
-    if (!camera.lens) return std::nullopt;
-    images.push_back({name, *camera.lens, cam_from_world});
+    if (task.view.camera.is_panorama()) return std::nullopt;
+    images.push_back(task.view);
   }
   return ModelOfImages(images);
 }

@@ -39,21 +39,21 @@ struct TaskSelection {
 };
 
 // The views of a COLMAP model. Its warnings are added to `warnings`.
-std::vector<View> ReadModelViews(const std::filesystem::path& model,
-                                 std::vector<std::string>& warnings);
+std::vector<PosedImage> ReadModelViews(const std::filesystem::path& model,
+                                       std::vector<std::string>& warnings);
 
 // Six pinholes of 90 degrees, "seq/a/front.jpg", right, back, left, up and down of "seq/a.jpg".
 // Front has the camera's axes, the next three are turned to the right about its y axis; up's lower
 // edge and down's upper one are front's.
-std::vector<View> CubeFaces(const View& view, int side_px);
+std::vector<PosedImage> CubeFaces(const PosedImage& view, int side_px);
 
 // A sentence where `selection.size` would stretch pictures: is of another shape than they are.
-std::optional<std::string> StretchWarning(const std::vector<View>& views,
+std::optional<std::string> StretchWarning(const std::vector<PosedImage>& views,
                                           const TaskSelection& selection);
 
 // The tasks by name. Throws InputError where an image of the list is not among the views, where
 // none is left, or where two images would be written to one file or outside of the output folder.
-std::vector<RenderTask> SelectTasks(std::vector<View> views, const TaskSelection& selection);
+std::vector<RenderTask> SelectTasks(std::vector<PosedImage> views, const TaskSelection& selection);
 
 // The cameras and poses of what is rendered, under the images' names: of scaled images the cameras
 // are scaled, so that the maps and this model belong together. None where one is a panorama.

@@ -15,16 +15,13 @@ TEST(ViewList, HoldsPosesAndCameras) {
             "a/1.jpg 1 0 0 0 1 2 3 SIMPLE_RADIAL 640 480 500 320 240 0.1\n\n"
             "b.jpg 0 1 0 0 4 5 6 EQUIRECTANGULAR 200 100\n"
             "c.jpg 0 1 0 0 4 5 6 EQUIRECTANGULAR 200 100 200 100\n");
-  const std::vector<View> views = ReadViewList(file);
+  const std::vector<PosedImage> views = ReadViewList(file);
   ASSERT_EQ(views.size(), 3u);
-  EXPECT_FALSE(views[2].camera.lens);
-  EXPECT_EQ(views[2].camera.ToString(), views[1].camera.ToString());
+  EXPECT_EQ(views[2].camera, Camera::Panorama(200, 100));
   EXPECT_EQ(views[0].name, "a/1.jpg");
   EXPECT_EQ(views[0].camera.ToString(), "SIMPLE_RADIAL 640 480 500 320 240 0.1");
   EXPECT_EQ(views[0].cam_from_world.translation, Eigen::Vector3d(1, 2, 3));
-  EXPECT_FALSE(views[1].camera.lens);
-  EXPECT_EQ(views[1].camera.width_px, 200);
-  EXPECT_EQ(views[1].camera.height_px, 100);
+  EXPECT_EQ(views[1].camera, Camera::Panorama(200, 100));
   EXPECT_EQ(views[1].cam_from_world.rotation.x(), 1);
 }
 

@@ -37,7 +37,7 @@ FrameOptions AllMaps() {
 std::vector<PixelRays> RaysOfEveryCamera() {
   std::vector<PixelRays> rays;
   for (const Camera& camera : CamerasOfEveryModel()) rays.emplace_back(camera, 1);
-  rays.push_back(PixelRays::Equirectangular(64, 32, 1));
+  rays.emplace_back(Camera::Panorama(64, 32), 1);
   return rays;
 }
 
@@ -123,7 +123,7 @@ TEST(FrameRenderer, AMillionRaysFindNoHoleInAClosedMesh) {
   FrameOptions options;
   options.mask = true;
   const FrameRenderer renderer(caster, options);
-  const PixelRays rays = PixelRays::Equirectangular(1000, 500, 2);
+  const PixelRays rays(Camera::Panorama(1000, 500), 2);
   Rng rng = TestRng();
   Frame frame;
   for (int i = 0; i < 2; ++i) {

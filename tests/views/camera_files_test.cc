@@ -17,9 +17,9 @@ const Camera kCamera(CameraModel::kPinhole, 64, 48, std::vector<double>{60, 60, 
 
 TEST(MvsnetCameras, ViewsOfNothingAreLeftOut) {
   const RayCaster scene(std::make_shared<const TriangleMesh>(MakeSphere({0, 0, 0}, 0.1, 8, 16)));
-  const std::vector<View> views = {{"a.jpg", kCamera, LookAt({3, 0, 0}, {0, 0, 0})},
-                                   {"b.jpg", kCamera, LookAt({3, 0, 0}, {6, 0, 0})},
-                                   {"c.jpg", kCamera, LookAt({3, 0.3, 0}, {0, 0, 0})}};
+  const std::vector<PosedImage> views = {{"a.jpg", kCamera, LookAt({3, 0, 0}, {0, 0, 0})},
+                                         {"b.jpg", kCamera, LookAt({3, 0, 0}, {6, 0, 0})},
+                                         {"c.jpg", kCamera, LookAt({3, 0.3, 0}, {0, 0, 0})}};
   const auto folder = TestFolder();
   const auto warnings = WriteMvsnetCameras(folder, scene, views, 1);
   ASSERT_EQ(warnings.size(), 1u);
@@ -43,7 +43,7 @@ TEST(MvsnetCameras, OneDepthIsARangeToo) {
   wall.triangles = {{0, 1, 2}};
   const RayCaster scene(std::make_shared<const TriangleMesh>(wall));
   const auto folder = TestFolder();
-  WriteMvsnetCameras(folder, scene, std::vector<View>{{"a.jpg", kCamera, Rigid3()}}, 1);
+  WriteMvsnetCameras(folder, scene, std::vector<PosedImage>{{"a.jpg", kCamera, Rigid3()}}, 1);
   const std::string text = ReadFile(folder / "cams" / "00000000_cam.txt");
   std::istringstream planes(text.substr(text.rfind('\n', text.size() - 2)));
   double low = 0, interval = 0, number = 0, high = 0;

@@ -38,7 +38,7 @@ std::vector<RenderTask> Tasks() {
     const std::string stem = fmt::format("camera{}/{:02}", i % 2, i);
     tasks.push_back({{stem + ".jpg", cameras[i % cameras.size()], pose}, stem});
   }
-  tasks.back().view.camera = ViewCamera::Panorama(40, 20);
+  tasks.back().view.camera = Camera::Panorama(40, 20);
   return tasks;
 }
 

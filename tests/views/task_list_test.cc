@@ -11,13 +11,13 @@
 namespace raylift {
 namespace {
 
-View MakeView(const std::string& name) {
+PosedImage MakeView(const std::string& name) {
   const double params[] = {100, 110, 30, 20, 0.1, 0, 0, 0};
   return {name, Camera(CameraModel::kOpenCv, 64, 40, params), Rigid3()};
 }
 
-std::vector<View> Views(const std::vector<std::string>& names) {
-  std::vector<View> views;
+std::vector<PosedImage> Views(const std::vector<std::string>& names) {
+  std::vector<PosedImage> views;
   for (const std::string& name : names) views.push_back(MakeView(name));
   return views;
 }
@@ -50,37 +50,38 @@ TEST(SelectTasks, ScalesTheLensWithThePicture) {
   const auto camera = [&](const TaskSelection& selection) {
     return SelectTasks(views, selection).front().view.camera;
   };
-  const ViewCamera half = camera({.scale = 0.5});
+  const Camera half = camera({.scale = 0.5});
   EXPECT_EQ(half.ToString(), "OPENCV 32 20 50 55 15 10 0.1 0 0 0");
   EXPECT_EQ(camera({.size = PlaneSize{128, 40}}).ToString(),
             "OPENCV 128 40 200 110 60 20 0.1 0 0 0");
-  EXPECT_EQ(camera({.panorama = PlaneSize{200, 100}}).ToString(), "EQUIRECTANGULAR 200 100");
+  EXPECT_EQ(camera({.panorama = PlaneSize{200, 100}}).ToString(),
+            "EQUIRECTANGULAR 200 100 200 100");
   EXPECT_TRUE(
       FailsWithInputError([&] { camera({.scale = 1e-3}); }, {"a.jpg", "pixels times 0.001"}));
 }
 
-Eigen::Vector3d DirectionInWorld(const View& face, const Eigen::Vector2d& pixel) {
-  return face.cam_from_world.rotation.conjugate() * face.camera.lens->RayInCam(pixel).value();
+Eigen::Vector3d DirectionInWorld(const PosedImage& face, const Eigen::Vector2d& pixel) {
+  return face.cam_from_world.rotation.conjugate() * face.camera.RayInCam(pixel).value();
 }
 
 // The faces of a camera that stands somewhere, turned somehow, in the order of CubeFaces().
-std::vector<View> FacesOf(const View& view) {
-  std::vector<View> faces = CubeFaces(view, 64);
+std::vector<PosedImage> FacesOf(const PosedImage& view) {
+  std::vector<PosedImage> faces = CubeFaces(view, 64);
   EXPECT_EQ(faces.size(), 6u);
   return faces;
 }
 
-View TurnedView() {
-  View view = MakeView("seq/a.color.jpg");
+PosedImage TurnedView() {
+  PosedImage view = MakeView("seq/a.color.jpg");
   view.cam_from_world = LookAt({1, -2, 3}, {4, 0, 5});
   return view;
 }
 
 TEST(CubeFaces, FrontIsTheCameraAndAllStandAtItsPlace) {
-  const View view = TurnedView();
-  const std::vector<View> faces = FacesOf(view);
+  const PosedImage view = TurnedView();
+  const std::vector<PosedImage> faces = FacesOf(view);
   Strings names;
-  for (const View& face : faces) {
+  for (const PosedImage& face : faces) {
     names.push_back(face.name);
     EXPECT_EQ(face.camera.ToString(), "SIMPLE_PINHOLE 64 64 32 32 32");
     EXPECT_TRUE(face.cam_from_world.OriginInSource().isApprox(Eigen::Vector3d(1, -2, 3), 1e-14));
@@ -104,7 +105,7 @@ TEST(CubeFaces, FrontIsTheCameraAndAllStandAtItsPlace) {
 }
 
 TEST(CubeFaces, EdgesMeetAsStated) {
-  const std::vector<View> faces = FacesOf(TurnedView());
+  const std::vector<PosedImage> faces = FacesOf(TurnedView());
   for (double along = 0; along <= 64; along += 8) {
     const auto meet = [&](size_t a, const Eigen::Vector2d& in_a, size_t b,
                           const Eigen::Vector2d& in_b) {
@@ -121,15 +122,15 @@ TEST(CubeFaces, EdgesMeetAsStated) {
 }
 
 TEST(CubeFaces, EachDirectionIsSeenByOne) {
-  const std::vector<View> faces = FacesOf(TurnedView());
+  const std::vector<PosedImage> faces = FacesOf(TurnedView());
   Rng rng(3);
   for (int i = 0; i < 1000; ++i) {
     const Eigen::Vector3d direction(rng.Normal(), rng.Normal(), rng.Normal());
     int seen = 0;
-    for (const View& face : faces) {
+    for (const PosedImage& face : faces) {
       const auto pixel =
-          face.camera.lens->ImgFromCam(face.cam_from_world.rotation * direction.normalized());
-      seen += pixel && face.camera.lens->Contains(*pixel) ? 1 : 0;
+          face.camera.ImgFromCam(face.cam_from_world.rotation * direction.normalized());
+      seen += pixel && face.camera.Contains(*pixel) ? 1 : 0;
     }
     EXPECT_EQ(seen, 1) << direction.transpose();
   }

@@ -166,6 +166,13 @@ class Camera {
   // not positive.
   Camera(CameraModel model, int width_px, int height_px, std::span<const double> params);
 
+  // A panorama of all directions that fills its image.
+  static Camera Panorama(int width_px, int height_px) {
+    const std::array<double, 2> size = {static_cast<double>(width_px),
+                                        static_cast<double>(height_px)};
+    return {CameraModel::kEquirectangular, width_px, height_px, size};
+  }
+
   CameraModel model() const { return model_; }
   int width_px() const { return width_px_; }
   int height_px() const { return height_px_; }

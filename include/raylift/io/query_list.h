@@ -82,7 +82,7 @@ void TakeRigs(const std::filesystem::path& file_or_model, std::span<Query> queri
 // camera, followed by one of COLMAP's cameras, or by EQUIRECTANGULAR width height); `#` comments
 // and empty lines are skipped. Throws InputError for anything else, and for a name that stands
 // twice.
-std::vector<View> ReadViewList(const std::filesystem::path& path);
+std::vector<PosedImage> ReadViewList(const std::filesystem::path& path);
 
 // "MODEL width height params..." as in the lists. Throws InputError naming `what` for anything
 // else.

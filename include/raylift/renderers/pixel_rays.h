@@ -15,16 +15,13 @@ namespace raylift {
 
 class PixelRays {
  public:
+  // A panorama's column x + 0.5 looks at the azimuth 2 pi ((x + 0.5) / width - 0.5) from z toward
+  // x, row y + 0.5 at the elevation pi (0.5 - (y + 0.5) / height), up being -y.
   PixelRays(const Camera& camera, int threads);
 
-  // A panorama of all directions: column x + 0.5 looks at the azimuth 2 pi ((x + 0.5) / width -
-  // 0.5) from z toward x, row y + 0.5 at the elevation pi (0.5 - (y + 0.5) / height), up being -y.
-  // Not a camera to localize with.
-  static PixelRays Equirectangular(int width_px, int height_px, int threads);
-
-  int width_px() const { return width_px_; }
-  int height_px() const { return height_px_; }
-  bool is_panorama() const { return !camera_; }
+  int width_px() const { return camera_.width_px(); }
+  int height_px() const { return camera_.height_px(); }
+  bool is_panorama() const { return camera_.is_panorama(); }
 
   // The unit ray through the center of a pixel in the camera's frame, in double.
   std::optional<Eigen::Vector3d> RayInCam(int x, int y) const;
@@ -65,15 +62,11 @@ class PixelRays {
   }
 
  private:
-  PixelRays(std::optional<Camera> camera, int width_px, int height_px, int threads);
-
-  void MakeSlopes(const Camera& camera);
+  void MakeSlopes();
   void MakeBlocks(int threads);
   int NumBlockRows() const;
 
-  std::optional<Camera> camera_;  // none: a panorama
-  int width_px_;
-  int height_px_;
+  Camera camera_;
   int blocks_per_row_;
   std::vector<RayBlock> blocks_;       // empty for a pinhole
   std::vector<Slopes> column_slopes_;  // empty for any other camera

@@ -20,7 +20,7 @@
 namespace raylift {
 
 struct RenderedView {
-  View view;
+  PosedImage view;
   double coverage = 0;  // share of the pixels that see the scene
   std::optional<std::pair<float, float>> depth_range = std::nullopt;
   size_t bytes = 0;  // of all its files

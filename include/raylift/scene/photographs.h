@@ -17,7 +17,7 @@
 
 namespace raylift {
 
-// A reference photograph: its name, its lens and where it was taken.
+// A reference photograph, or a picture to be taken of a scene: its name, its camera and where it is.
 struct PosedImage {
   std::string name;  // as in the model: a path relative to the image folder
   Camera camera;
@@ -25,39 +25,6 @@ struct PosedImage {
 
   // Whether it would show the point if nothing were in between.
   bool Sees(const Eigen::Vector3d& point_in_world) const;
-};
-
-// One of COLMAP's cameras, or an equirectangular panorama of all directions, which has no other
-// parameters than its size (PixelRays::Equirectangular says which pixel looks where).
-struct ViewCamera {
-  std::optional<Camera> lens = std::nullopt;  // none: a panorama, also where it is COLMAP's
-  int width_px = 0;
-  int height_px = 0;
-
-  ViewCamera() = default;
-  ViewCamera(const Camera& camera)  // NOLINT(google-explicit-constructor): it is one of the two
-      : lens(camera.is_panorama() ? std::nullopt : std::optional(camera)),
-        width_px(camera.width_px()),
-        height_px(camera.height_px()) {}
-  static ViewCamera Panorama(int width_px, int height_px) {
-    ViewCamera camera;
-    camera.width_px = width_px;
-    camera.height_px = height_px;
-    return camera;
-  }
-
-  // "MODEL width height params...", the model of a panorama being EQUIRECTANGULAR.
-  std::string ToString() const;
-
-  // The same on an image of another size.
-  ViewCamera Scaled(int new_width_px, int new_height_px) const;
-};
-
-// A picture to be taken of a scene: its name, from where, and through what.
-struct View {
-  std::string name;  // as of a photograph: a path relative to some folder
-  ViewCamera camera;
-  Rigid3 cam_from_world;
 };
 
 // What a photograph says of the camera that took it, as far as it says something.

@@ -151,7 +151,7 @@ inline constexpr auto kEnumNames<CameraFiles> = std::to_array<EnumName<CameraFil
 });
 
 struct RenderTask {
-  View view;
+  PosedImage view;
   // OUT/PRODUCT/stem.FORMAT are the files; a relative path that stays below the folder.
   std::string stem;
 };

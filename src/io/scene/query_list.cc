@@ -411,24 +411,24 @@ int Side(LineTokens& tokens, std::string_view field) {
   return side;
 }
 
-ViewCamera CameraToEnd(LineTokens& tokens) {
+Camera CameraToEnd(LineTokens& tokens) {
   LineTokens ahead = tokens;
   if (ahead.Token("camera model") != "EQUIRECTANGULAR") return tokens.CameraToEnd();
   const int width = Side(ahead, "width");
   const int height = Side(ahead, "height");
   if (!ahead.AtEnd()) return tokens.CameraToEnd();  // COLMAP's, which says its size again
-  return ViewCamera::Panorama(width, height);
+  return Camera::Panorama(width, height);
 }
 
 }  // namespace
 
-std::vector<View> ReadViewList(const std::filesystem::path& path) {
-  std::vector<View> views;
+std::vector<PosedImage> ReadViewList(const std::filesystem::path& path) {
+  std::vector<PosedImage> views;
   std::unordered_set<std::string> names;
   LineReader lines(path);
   while (const auto line = lines.NextContent()) {
     LineTokens tokens(lines, *line);
-    View view;
+    PosedImage view;
     view.name = tokens.Name();
     if (!names.insert(view.name).second) {
       tokens.Fail(fmt::format("name: \"{}\" stands twice", view.name));
