@@ -88,28 +88,14 @@ std::string ExrText(Product product, const StorageOptions& storage) {
 }
 
 std::string PngText(Product product, const StorageOptions& storage) {
-  switch (product) {
-    case Product::kDepth:
-    case Product::kDistance:
-      return fmt::format("16 bits: value times {} (the step) is in scene units",
-                         FormatDouble(storage.floats.png_step));
-    case Product::kNormals:
-      return "to look at: (n + 1) * 127.5 in 8 bits as RGB, 128 where there is none";
-    case Product::kColor:
-      return "8 bits, RGB";
-    case Product::kMask:
-      return "8 bits, gray";
-    case Product::kTriangle:
-    case Product::kObject:
-    case Product::kInstance:
-    case Product::kSemantic:
-      return "16 bits, ids up to 65534; 65535: none";
-    case Product::kInverseDepth:
-    case Product::kPoints:
-    case Product::kIncidence:
-      break;
+  if (IsId(product)) return "16 bits, ids up to 65534; 65535: none";
+  if (product == Product::kColor) return "8 bits, RGB";
+  if (product == Product::kMask) return "8 bits, gray";
+  if (product == Product::kNormals) {
+    return "to look at: (n + 1) * 127.5 in 8 bits as RGB, 128 where there is none";
   }
-  RAYLIFT_CHECK(false);
+  return fmt::format("16 bits: value times {} (the step) is in scene units",
+                     FormatDouble(storage.floats.png_step));
 }
 
 std::string FormatText(Product product, const std::string& format, const StorageOptions& storage) {

@@ -23,21 +23,9 @@ namespace {
 using Json = nlohmann::ordered_json;
 using std::filesystem::path;
 
-std::string_view ShadingName(ColorOptions::Shading shading) {
-  switch (shading) {
-    case ColorOptions::Shading::kUnlit:
-      return "unlit";
-    case ColorOptions::Shading::kHeadlight:
-      return "headlight";
-    case ColorOptions::Shading::kSun:
-      return "sun";
-  }
-  return {};
-}
-
 Json ColorJson(const ColorOptions& options) {
   const Eigen::Vector3d& sun = options.sun_direction_in_world;
-  return {{"shading", ShadingName(options.shading)},
+  return {{"shading", ToString(options.shading)},
           {"samples_per_pixel_side", options.samples_per_pixel_side},
           {"sun_direction", {sun.x(), sun.y(), sun.z()}},
           {"ambient", options.ambient},
@@ -64,22 +52,15 @@ Json ProductJson(const ProductOutput& output, const RenderJobOptions& options) {
     json["compression"] = ToString(floats.exr_compression);
   }
   if (output.format == "npz") json["deflate"] = floats.deflate_npz;
-  if (is_float && !IsId(output.product)) {
-    json["sample"] = floats.sample == FloatSample::kFloat16 ? "half" : "float";
-  }
+  if (is_float && !IsId(output.product)) json["sample"] = ToString(floats.sample);
   if (is_float && output.format == "png") {
     if (!IsId(output.product)) json["step"] = floats.png_step;
     json["png_compression"] = floats.png_compression;
   }
-  if (is_float) {
-    json["out_of_range"] =
-        floats.out_of_range == DepthWriteOptions::OutOfRange::kDrop ? "drop" : "refuse";
-  }
+  if (is_float) json["out_of_range"] = ToString(floats.out_of_range);
   if (output.format == "jpg") json["quality"] = options.storage.jpeg_quality;
   if (HasColors(output)) json["color"] = ColorJson(options.frame.color_options);
-  if (IsVector(output.product)) {
-    json["in"] = options.frame.normals_in == FrameOptions::NormalsIn::kCamera ? "camera" : "world";
-  }
+  if (IsVector(output.product)) json["in"] = ToString(options.frame.normals_in);
   return json;
 }
 

@@ -76,25 +76,7 @@ DepthWriteOptions OptionsFor(const ProductOutput& output, const DepthWriteOption
   const bool holds_half =
       output.format == "exr" || output.format == "npy" || output.format == "npz";
   if (!holds_half) options.sample = FloatSample::kFloat32;
-  switch (output.product) {
-    case Product::kDistance:
-      if (output.format == "npz") options.layer = "distance";
-      break;
-    case Product::kIncidence:
-    case Product::kInverseDepth:
-    case Product::kPoints:
-      if (output.format == "npz") options.layer = ToString(output.product);
-      break;
-    case Product::kDepth:
-    case Product::kNormals:
-    case Product::kColor:
-    case Product::kTriangle:
-    case Product::kObject:
-    case Product::kInstance:
-    case Product::kSemantic:
-    case Product::kMask:
-      break;
-  }
+  if (output.format == "npz") options.layer = ToString(output.product);
   return options;
 }
 
@@ -121,49 +103,17 @@ std::vector<uint32_t> IdsOf(Product product, const Frame& frame, const TriangleM
 }
 
 std::span<const std::string_view> FormatsOf(Product product) {
-  switch (product) {
-    case Product::kDepth:
-    case Product::kDistance:
-      return kOfDepth;
-    case Product::kNormals:
-      return kOfNormals;
-    case Product::kPoints:
-      return kOfPoints;
-    case Product::kColor:
-      return kOfColor;
-    case Product::kTriangle:
-    case Product::kObject:
-    case Product::kInstance:
-    case Product::kSemantic:
-      return kOfIndices;
-    case Product::kIncidence:
-    case Product::kInverseDepth:
-      return kOfAngles;
-    case Product::kMask:
-      return kOfMask;
-  }
-  RAYLIFT_CHECK(false);
+  if (IsId(product)) return kOfIndices;
+  if (product == Product::kDepth || product == Product::kDistance) return kOfDepth;
+  if (product == Product::kNormals) return kOfNormals;
+  if (product == Product::kPoints) return kOfPoints;
+  if (product == Product::kColor) return kOfColor;
+  return product == Product::kMask ? std::span<const std::string_view>(kOfMask) : kOfAngles;
 }
 
 std::string_view ExrChannels(Product product) {
-  switch (product) {
-    case Product::kNormals:
-    case Product::kPoints:
-      return "R,G,B";
-    case Product::kTriangle:
-    case Product::kObject:
-    case Product::kInstance:
-    case Product::kSemantic:
-      return "id";
-    case Product::kDepth:
-    case Product::kDistance:
-    case Product::kInverseDepth:
-    case Product::kColor:
-    case Product::kIncidence:
-    case Product::kMask:
-      return "Y";
-  }
-  RAYLIFT_CHECK(false);
+  if (IsVector(product)) return "R,G,B";
+  return IsId(product) ? "id" : "Y";
 }
 
 void Request(std::span<const ProductOutput> products, FrameOptions& options) {
