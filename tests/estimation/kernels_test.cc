@@ -79,14 +79,6 @@ std::vector<unsigned char> AllOutputs(const kernels::KernelTable& table, const N
   table.residuals_2d2d(pairs.blocks.data(), pairs.block_camera_reference.data(), size(pairs.blocks),
                        pose, centers.data(), residuals.data());
   for (const double r : residuals) Append(r, bytes);
-  std::vector<float> float_residuals(points_float.size() * kernels::kLanes<float>);
-  table.residuals_2d3d_float(points_float.data(), size(points_float), pose_float,
-                             float_residuals.data());
-  for (const float r : float_residuals) Append(r, bytes);
-  float_residuals.resize(pairs_float.size() * kernels::kLanes<float>);
-  table.residuals_2d2d_float(pairs_float.data(), reference_float, size(pairs_float), pose_float,
-                             centers_float.data(), float_residuals.data());
-  for (const float r : float_residuals) Append(r, bytes);
   for (const kernels::KernelLoss& loss : kLosses) {
     AppendNormals(table.normals_2d3d(points.data(), size(points), pose, loss), bytes);
     AppendNormals(table.normals_2d2d(pairs.blocks.data(), pairs.block_camera_reference.data(),

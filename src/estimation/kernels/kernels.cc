@@ -134,36 +134,35 @@ inline Lanes<T> Length(const T* v) {
   return {cost.Sum(), static_cast<int>(inliers.Sum())};
 }
 
-template <typename T>
-[[gnu::flatten]] void Residuals2D3D(const Block2D3D<T>* blocks, int count,
-                                    const KernelPose<T>& pose, T* squared_residuals) {
-  using L = Lanes<T>;
-  const WidePose<T> wide(pose);
+[[gnu::flatten]] void Residuals2D3D(const Block2D3D<double>* blocks, int count,
+                                    const KernelPose<double>& pose, double* squared_residuals) {
+  using L = Lanes<double>;
+  const WidePose<double> wide(pose);
   const L one = L::Fill(1);
-  const L infinity = L::Fill(static_cast<T>(__builtin_inf()));
+  const L infinity = L::Fill(__builtin_inf());
   const L zero = L::Fill(0);
   for (int i = 0; i < count; ++i) {
-    const Terms2D3D<T> m(blocks[i], wide);
+    const Terms2D3D<double> m(blocks[i], wide);
     const L denominator = m.SquaredDenominator();
     SelectInlier(zero, denominator, m.depth, one, m.SquaredNumerator() / denominator, infinity)
-        .Store(squared_residuals + i * kLanes<T>);
+        .Store(squared_residuals + i * kLanes<double>);
   }
 }
 
-template <typename T>
-[[gnu::flatten]] void Residuals2D2D(const Block2D2D<T>* blocks, const int* block_camera_reference,
-                                    int count, const KernelPose<T>& pose, const T* centers,
-                                    T* squared_residuals) {
-  using L = Lanes<T>;
-  const WidePose<T> wide(pose);
-  const L infinity = L::Fill(static_cast<T>(__builtin_inf()));
+[[gnu::flatten]] void Residuals2D2D(const Block2D2D<double>* blocks,
+                                    const int* block_camera_reference, int count,
+                                    const KernelPose<double>& pose, const double* centers,
+                                    double* squared_residuals) {
+  using L = Lanes<double>;
+  const WidePose<double> wide(pose);
+  const L infinity = L::Fill(__builtin_inf());
   const L zero = L::Fill(0);
   for (int i = 0; i < count; ++i) {
-    const T* center = centers + 3 * static_cast<std::ptrdiff_t>(block_camera_reference[i]);
-    const Terms2D2D<T> m(blocks[i], wide, Fill3(center), Length(center));
+    const double* center = centers + 3 * static_cast<std::ptrdiff_t>(block_camera_reference[i]);
+    const Terms2D2D<double> m(blocks[i], wide, Fill3(center), Length(center));
     SelectInlier(zero, m.squared_denominator, m.query_depth, m.reference_depth,
                  m.numerator * m.numerator / m.squared_denominator, infinity)
-        .Store(squared_residuals + i * kLanes<T>);
+        .Store(squared_residuals + i * kLanes<double>);
   }
 }
 
@@ -319,21 +318,11 @@ template <typename T>
 }  // namespace
 
 const KernelTable& RAYLIFT_KERNEL_LEVEL::Kernels() {
-  static constexpr KernelTable kTable = {Score2D3D,
-                                         Score2D2D,
-                                         Residuals2D3D<double>,
-                                         Residuals2D2D<double>,
-                                         Residuals2D3D<float>,
-                                         Residuals2D2D<float>,
-                                         Normals2D3D<double>,
-                                         Normals2D2D<double>,
-                                         Normals2D3D<float>,
-                                         Normals2D2D<float>,
-                                         ScanJointly,
-                                         VoteJointly,
-                                         LinearizeJointly,
-                                         MoveJointly,
-                                         ExpectJointly};
+  static constexpr KernelTable kTable = {
+      Score2D3D,           Score2D2D,           Residuals2D3D,      Residuals2D2D,
+      Normals2D3D<double>, Normals2D2D<double>, Normals2D3D<float>, Normals2D2D<float>,
+      ScanJointly,         VoteJointly,         LinearizeJointly,   MoveJointly,
+      ExpectJointly};
   return kTable;
 }
 

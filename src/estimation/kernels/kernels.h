@@ -96,11 +96,6 @@ struct KernelTable {
   void (*residuals_2d2d)(const Block2D2D<double>* blocks, const int* block_camera_reference,
                          int count, const KernelPose<double>& pose, const double* centers,
                          double* squared_residuals);
-  void (*residuals_2d3d_float)(const Block2D3D<float>* blocks, int count,
-                               const KernelPose<float>& pose, float* squared_residuals);
-  void (*residuals_2d2d_float)(const Block2D2D<float>* blocks, const int* block_camera_reference,
-                               int count, const KernelPose<float>& pose, const float* centers,
-                               float* squared_residuals);
 
   // Normal equations: the sums over these blocks alone, which replace what was there.
   KernelNormals (*normals_2d3d)(const Block2D3D<double>* blocks, int count,
