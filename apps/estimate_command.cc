@@ -59,8 +59,7 @@ struct EstimateFlags {
  private:
   // Its results would be problems, too, the next time.
   void RefuseOutBelow(const path& folder) const {
-    std::error_code ignored;
-    if (out.empty() || !std::filesystem::is_directory(folder, ignored)) return;
+    if (out.empty() || !IsFolder(folder)) return;
     const path whole = std::filesystem::weakly_canonical(out);
     if (!Below(whole, std::filesystem::canonical(folder))) return;
     throw OptionError("--out", out.string(),

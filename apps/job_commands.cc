@@ -103,10 +103,9 @@ void RequireNames(std::span<const QueryRecord> records) {
 
 // What each shard has in its folder, the same for all.
 void TakeFile(const std::string& name, const path& out, std::span<const path> files) {
-  std::error_code ignored;
   for (const path& file : files) {
     const path part = file.parent_path() / name;
-    if (!std::filesystem::exists(part, ignored)) continue;
+    if (!Exists(part)) continue;
     WriteFile(out / name, ReadFile(part));
     return;
   }
@@ -114,7 +113,7 @@ void TakeFile(const std::string& name, const path& out, std::span<const path> fi
 
 // Whether a run of localize with these options had a walk.
 bool HasOdometry(const path& options) {
-  if (std::error_code ignored; !std::filesystem::exists(options, ignored)) return false;
+  if (!Exists(options)) return false;
   const auto json = nlohmann::json::parse(ReadFile(options), nullptr, /*allow_exceptions=*/false);
   const auto odometry = json.is_object() ? json.find("odometry") : json.end();
   return odometry != json.end() && odometry->is_string() && *odometry != "";

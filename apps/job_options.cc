@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/file.h"
 #include "raylift/base/text.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/renderers/ray_caster.h"
@@ -132,8 +133,7 @@ void AddOverwriteOption(CLI::App& command, bool& overwrite) {
 }
 
 void RefuseFinished(const std::filesystem::path& file, bool overwrite) {
-  std::error_code ignored;
-  if (overwrite || !std::filesystem::exists(file, ignored)) return;
+  if (overwrite || !Exists(file)) return;
   throw OptionError("--overwrite", "false",
                     file.string() + " is of a finished run, which would be lost");
 }
@@ -173,9 +173,7 @@ std::string OptionsOfResults(const std::string& options_json) {
 }
 
 std::string FileOrModelFingerprint(const path& file) {
-  std::error_code ignored;
-  return std::filesystem::is_directory(file, ignored) ? ModelFingerprint(file)
-                                                      : FileFingerprint(file);
+  return IsFolder(file) ? ModelFingerprint(file) : FileFingerprint(file);
 }
 
 Json InputsJson(const SceneInputs& inputs, const Scene& scene, std::span<const Query> queries) {

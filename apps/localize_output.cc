@@ -32,9 +32,7 @@ path CheckpointOf(const LocalizeFlags& flags) { return flags.out / "continuous";
 
 // Returns whether the folder holds a run with --continuous where none is asked for, or the reverse.
 bool HoldsOtherMode(const LocalizeFlags& flags) {
-  std::error_code ignored;
-  return flags.continuous.enabled ? !ListManifests(flags.out).empty()
-                                  : std::filesystem::exists(CheckpointOf(flags), ignored);
+  return flags.continuous.enabled ? !ListManifests(flags.out).empty() : Exists(CheckpointOf(flags));
 }
 
 }  // namespace

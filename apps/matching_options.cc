@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/file.h"
 #include "raylift/base/text.h"
 #include "raylift/io/query_list.h"
 
@@ -55,9 +56,7 @@ void HlocFlags::Check() const {
                       "needs --matches");
   }
   raylift::Check(reading);
-  std::error_code ignored;
-  if ((reading.first_pixel != 0 || reading.cell_px != 0) &&
-      !std::filesystem::is_directory(files.matches, ignored)) {
+  if ((reading.first_pixel != 0 || reading.cell_px != 0) && !IsFolder(files.matches)) {
     throw OptionError("--first-pixel and --cell-px go with a folder of pairs as --matches");
   }
 }

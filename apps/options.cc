@@ -13,6 +13,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/file.h"
 #include "raylift/base/text.h"
 #include "raylift/lifting/geometry_spec.h"
 #include "raylift/localization/scene.h"
@@ -123,8 +124,7 @@ std::filesystem::path QueryImagesOf(const std::filesystem::path& query_images,
                                     const std::filesystem::path& images,
                                     const std::filesystem::path& queries) {
   if (!query_images.empty()) return query_images;
-  std::error_code ignored;
-  if (!std::filesystem::is_directory(queries, ignored)) return images;
+  if (!IsFolder(queries)) return images;
   const bool is_below =
       Below(std::filesystem::weakly_canonical(queries), std::filesystem::weakly_canonical(images))
           .has_value();

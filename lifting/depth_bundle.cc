@@ -11,6 +11,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/file.h"
 
 namespace raylift {
 namespace {
@@ -32,9 +33,7 @@ class Arrays {
   }
 
   bool Has(const std::string& name) const {
-    std::error_code ignored;
-    return IsBeside(name) ? std::filesystem::is_regular_file(Beside(name), ignored)
-                          : own_.Has(name);
+    return IsBeside(name) ? IsFile(Beside(name)) : own_.Has(name);
   }
 
   NpyArray<float> Read(const std::string& name) const {

@@ -390,8 +390,7 @@ OpenedSplats OpenSplats(const SplatSpec& spec, const RayCasterOptions& options) 
   const std::filesystem::path file = spec.files;
   if (spec.transform.empty()) {
     const std::filesystem::path beside = file.parent_path() / kNerfstudioTransforms;
-    std::error_code ignored;
-    if (std::filesystem::is_regular_file(beside, ignored)) opened.transform = beside;
+    if (IsFile(beside)) opened.transform = beside;
   } else if (spec.transform != "none") {
     opened.transform = spec.transform;
   }

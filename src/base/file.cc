@@ -174,6 +174,21 @@ bool MayBeRead(const std::string& named) {
                                   named.find("://") == std::string::npos);
 }
 
+bool Exists(const std::filesystem::path& path) {
+  std::error_code ignored;
+  return std::filesystem::exists(path, ignored);
+}
+
+bool IsFolder(const std::filesystem::path& path) {
+  std::error_code ignored;
+  return std::filesystem::is_directory(path, ignored);
+}
+
+bool IsFile(const std::filesystem::path& path) {
+  std::error_code ignored;
+  return std::filesystem::is_regular_file(path, ignored);
+}
+
 std::string ReadFile(const std::filesystem::path& path) {
   // Without O_NONBLOCK, a pipe with a name waits for somebody to write.
   const OpenFile file(open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
@@ -255,8 +270,7 @@ void WriteFile(const std::filesystem::path& path, std::span<const std::string_vi
 }
 
 void RequireWritable(const std::filesystem::path& path) {
-  std::error_code ignored;
-  if (std::filesystem::is_directory(path, ignored)) {
+  if (IsFolder(path)) {
     throw OutputError(path, "cannot be written: it is a folder");
   }
   const AtomicFile file(path);

@@ -11,6 +11,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/file.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/image_file.h"
 
@@ -276,11 +277,6 @@ Eigen::Matrix4d ReadMatrix(const path& file) {
   Eigen::Matrix4d matrix = ReadAnyMatrix(file);
   if (!matrix.allFinite()) throw InputError(file, "expected finite numbers");
   return matrix;
-}
-
-bool Exists(const path& file) {
-  std::error_code ignored;
-  return std::filesystem::exists(file, ignored);
 }
 
 std::vector<std::string> ListFiles(const path& folder, const std::string& suffix) {

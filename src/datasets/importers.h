@@ -40,9 +40,6 @@ ImportedScenes ImportLamar(const std::filesystem::path& folder, const ImportOpti
 // A scene named after its folder.
 ImportedScene SceneOfFolder(const std::filesystem::path& folder);
 
-// Returns whether there is a file of this name; false for names that no file can have, too.
-bool Exists(const std::filesystem::path& file);
-
 // Counts what cannot be used, by reason.
 class Skipped {
  public:

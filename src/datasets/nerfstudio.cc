@@ -124,8 +124,7 @@ class Photographs {
     for (const char* extension : {"", ".png", ".jpg", ".jpeg", ".bmp", ".tga", ".exr"}) {
       path with_extension = name;
       with_extension += extension;
-      std::error_code ignored;
-      if (std::filesystem::is_regular_file(folder_ / with_extension, ignored)) {
+      if (IsFile(folder_ / with_extension)) {
         return with_extension;
       }
     }

@@ -91,8 +91,7 @@ std::vector<path> PathsOfSpec(const std::string& spec) {
   const std::string place = PlaceOfSpec(spec);
   std::vector<path> paths;
   if (place.empty()) return paths;
-  std::error_code ignored;
-  if (std::filesystem::exists(place, ignored)) return {place};
+  if (Exists(place)) return {place};
   for (const std::string_view part : SplitBy(place, '+')) {
     path file(part);
     if (part.find('*') != std::string_view::npos) file = file.parent_path();
@@ -282,9 +281,8 @@ std::vector<path> MissingInputs(const Experiment& experiment, std::span<const Se
   std::vector<path> missing;
   std::set<path> seen;
   const auto look = [&](const path& input) {
-    std::error_code ignored;
     if (input.empty() || !seen.insert(input).second) return;
-    if (!std::filesystem::exists(input, ignored)) missing.push_back(input);
+    if (!Exists(input)) missing.push_back(input);
   };
   for (const Setting& setting : settings) {
     const ExperimentScene& scene = experiment.SceneOf(setting);
@@ -353,8 +351,7 @@ std::filesystem::path CellStore::FileOf(const Cell& cell) const {
 
 std::optional<std::vector<QueryOutcome>> CellStore::Read(const Cell& cell) const {
   const auto file = FileOf(cell);
-  std::error_code ignored;
-  if (!std::filesystem::is_regular_file(file, ignored)) return std::nullopt;
+  if (!IsFile(file)) return std::nullopt;
   const std::string text = ReadFile(file);
   try {
     auto record = ParseJson<CellRecord>(text);

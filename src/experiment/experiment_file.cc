@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/file.h"
 #include "raylift/base/text.h"
 #include "raylift/experiment/experiment.h"
 #include "raylift/geometry/rigid3.h"
@@ -330,8 +331,7 @@ class ExperimentReader {
   // Returns the thresholds.
   static std::string TakeSceneFile(const path& file, ExperimentScene& scene) {
     scene.file = file;
-    std::error_code ignored;
-    scene.file_is_missing = !std::filesystem::exists(file, ignored);
+    scene.file_is_missing = !Exists(file);
     if (scene.file_is_missing) return {};
     const SceneFile read = ReadSceneFile(file);
     scene.model = read.references;

@@ -19,6 +19,7 @@
 #include <proj_experimental.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/file.h"
 #include "raylift/base/text.h"
 
 namespace raylift {
@@ -45,8 +46,7 @@ std::filesystem::path CarriedDatabase() {
   Dl_info module{};
   if (dladdr(reinterpret_cast<const void*>(&CarriedDatabase), &module) == 0) return {};
   const std::filesystem::path folder = std::filesystem::path(module.dli_fname).parent_path();
-  std::error_code ignored;
-  return std::filesystem::exists(folder / "proj" / "proj.db", ignored) ? folder / "proj" : "";
+  return Exists(folder / "proj" / "proj.db") ? folder / "proj" : "";
 }
 
 // Where PROJ looks beside a carried database, which goes first: grids are found elsewhere, too.

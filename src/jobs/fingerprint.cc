@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/file.h"
 
 namespace raylift {
 namespace {
@@ -60,8 +61,7 @@ std::string FolderFingerprint(const path& folder, const path& except) {
   std::vector<std::string> names;
   const path from = Absolute(folder);
   const path not_from = Absolute(except);
-  std::error_code ignored;
-  if (!std::filesystem::is_directory(from, ignored)) return FileFingerprint(from);
+  if (!IsFolder(from)) return FileFingerprint(from);
   for (const path& file : ListFilesBelow(from)) {
     if (!Below(file, not_from)) names.push_back(file.lexically_relative(from).string());
   }

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
+#include "raylift/base/file.h"
 
 namespace raylift {
 namespace {
@@ -52,8 +53,7 @@ size_t NumTasks(size_t tasks, const Shard& shard) {
 State StateOf(const ShardStatus& status, const path& file) {
   if (status.done >= status.tasks) return State::kDone;
   if (IsBeingAppended(file)) return State::kRunning;
-  std::error_code ignored;
-  return std::filesystem::exists(file, ignored) ? State::kStopped : State::kNotBegun;
+  return Exists(file) ? State::kStopped : State::kNotBegun;
 }
 
 }  // namespace

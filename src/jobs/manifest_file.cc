@@ -45,11 +45,10 @@ constexpr std::chrono::milliseconds kBetweenLookups{100};  // at a folder that a
 
 // Empty where there is none, or where another shard, the last one to end, is just removing it.
 std::string TextIfThere(const path& file) {
-  std::error_code ignored;
   try {
-    if (std::filesystem::is_regular_file(file, ignored)) return ReadFile(file);
+    if (IsFile(file)) return ReadFile(file);
   } catch (const InputError&) {
-    if (std::filesystem::exists(file, ignored)) throw;
+    if (Exists(file)) throw;
   }
   return {};
 }

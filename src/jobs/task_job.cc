@@ -36,7 +36,6 @@ std::string AtPlace(const std::string& line, size_t place) {
 
 void RefuseFormerRun(const JobFolder& folder, const JobForm& form) {
   if (folder.resume || folder.overwrite) return;
-  std::error_code ignored;
   for (const path& manifest : ListManifests(folder.out)) {
     if (folder.shard.IsAll() && ReadManifestText(manifest).CountTasks() > 0) {
       FailByFormerRun(manifest);
@@ -44,7 +43,7 @@ void RefuseFormerRun(const JobFolder& folder, const JobForm& form) {
   }
   if (form.results.empty()) return;
   const path results = folder.out / form.results.front();
-  if (std::filesystem::exists(results, ignored)) FailByFormerRun(results);
+  if (Exists(results)) FailByFormerRun(results);
 }
 
 void RemoveFormerRun(const path& out, const JobForm& form, const std::string& kept) {
@@ -200,9 +199,8 @@ std::optional<TaskManifest> TaskJob::Whole() const {
     return manifest_.records.size() == keys_.size() ? std::optional(manifest_) : std::nullopt;
   }
   std::optional<TaskManifest> whole = WholeOfShards();
-  std::error_code ignored;
   // The last shard to end makes one manifest of all.
-  if (!whole && appender_ && !std::filesystem::exists(ManifestPath(folder_.out, {}), ignored)) {
+  if (!whole && appender_ && !Exists(ManifestPath(folder_.out, {}))) {
     appender_->RequireInPlace();
   }
   return whole;

@@ -56,8 +56,7 @@ Affine2d Affine(double xx, double xy, double yx, double yy, const Vector2d& orig
 // is none.
 std::optional<Affine2d> ReadWorldFile(const path& file) {
   path beside = file;
-  std::error_code ignored;
-  if (!std::filesystem::exists(beside.replace_extension(".tfw"), ignored)) return std::nullopt;
+  if (!Exists(beside.replace_extension(".tfw"))) return std::nullopt;
   std::vector<double> numbers;
   std::string text = ReadFile(beside);
   std::replace_if(

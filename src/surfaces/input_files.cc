@@ -12,6 +12,7 @@
 #include <unistd.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/file.h"
 #include "raylift/base/text.h"
 
 namespace raylift {
@@ -48,18 +49,16 @@ std::vector<path> MatchingFiles(const std::string& pattern, std::string_view kin
 
 std::vector<path> ListFiles(const std::string& files, std::span<const std::string_view> extensions,
                             std::string_view kind, std::string_view index) {
-  std::error_code ignored;
-  if (std::filesystem::is_regular_file(files, ignored)) return {files};
+  if (IsFile(files)) return {files};
   std::vector<path> listed;
   for (const std::string_view part_view : SplitBy(files, '+')) {
     const std::string part(part_view);
     std::vector<path> of_part = {part};
-    if (!index.empty() && std::filesystem::is_regular_file(path(part) / index, ignored)) {
+    if (!index.empty() && IsFile(path(part) / index)) {
       of_part = {path(part) / index};
-    } else if (std::filesystem::is_directory(part, ignored)) {
+    } else if (IsFolder(part)) {
       of_part = FilesIn(part, extensions, kind);
-    } else if (!std::filesystem::exists(part, ignored) &&
-               part.find_first_of("*?[") != std::string::npos) {
+    } else if (!Exists(part) && part.find_first_of("*?[") != std::string::npos) {
       of_part = MatchingFiles(part, kind);
     }
     listed.insert(listed.end(), of_part.begin(), of_part.end());

@@ -33,8 +33,7 @@ bool IsCityJson(const std::filesystem::path& path, const std::string& extension)
   if (extension == ".cityjson") return true;
   if (extension != ".json") return false;
   if (LowerExtension(path.stem()) == ".city") return true;
-  std::error_code ignored;
-  if (!std::filesystem::is_regular_file(path, ignored)) return false;
+  if (!IsFile(path)) return false;
   constexpr size_t kLookedAt = 4096;
   const MappedFile file(path);
   const std::string_view begin = file.contents().substr(0, kLookedAt);
@@ -154,9 +153,8 @@ static_assert(std::endian::native == std::endian::little, "bytes are written as 
 }  // namespace
 
 TriangleMesh ReadMesh(const std::filesystem::path& path, const MeshReadOptions& options) {
-  std::error_code ignored;
-  if (!std::filesystem::exists(path, ignored)) throw InputError(path, "no such file");
-  if (std::filesystem::is_directory(path, ignored)) {
+  if (!Exists(path)) throw InputError(path, "no such file");
+  if (IsFolder(path)) {
     throw InputError(path, "expected a mesh file, found a folder");
   }
   return ReadByExtension(path, options);

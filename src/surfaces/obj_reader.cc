@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/file.h"
 #include "raylift/base/text.h"
 #include "raylift/scene/image.h"
 
@@ -141,8 +142,7 @@ class ObjParser {
 
   // A name with blanks is one file where that exists, else several files.
   void ReadMaterials(const std::string& names) {
-    std::error_code ignored;
-    if (std::filesystem::exists(path_.parent_path() / names, ignored)) {
+    if (Exists(path_.parent_path() / names)) {
       ReadMaterialFile(names);
       return;
     }
@@ -152,8 +152,7 @@ class ObjParser {
   void ReadMaterialFile(const std::string& name) {
     if (!IsBelow(path_, "material file", name, mesh_)) return;
     const std::filesystem::path path = path_.parent_path() / name;
-    std::error_code ignored;
-    if (!std::filesystem::is_regular_file(path, ignored)) {
+    if (!IsFile(path)) {
       mesh_.warnings.push_back(
           fmt::format("{}: material file {}: no such file", path_.string(), path.string()));
       return;

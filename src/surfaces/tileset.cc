@@ -399,8 +399,7 @@ path ResolveInTileset(const std::string& uri, const path& named_in, const path& 
         "in the environment allows it",
         Shown(text)));
   }
-  std::error_code ignored;
-  if (!std::filesystem::is_regular_file(file, ignored)) {
+  if (!IsFile(file)) {
     throw InputError(fmt::format("{}: no such file", Shown(text)));
   }
   return file;

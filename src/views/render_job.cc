@@ -188,10 +188,8 @@ std::vector<std::string> ListForeignFiles(std::span<const RenderTask> tasks,
   for (const RenderTask& task : tasks) {
     for (const std::string& file : TaskFiles(task, options.products)) foreign.erase(file);
   }
-  std::erase_if(foreign, [&options](const std::string& file) {
-    std::error_code ignored;
-    return !std::filesystem::exists(options.out / file, ignored);
-  });
+  std::erase_if(foreign,
+                [&options](const std::string& file) { return !Exists(options.out / file); });
   return {foreign.begin(), foreign.end()};
 }
 
@@ -241,8 +239,7 @@ std::vector<std::string> WarningsOf(const ManifestEntries& entries,
 // Writes README.txt unless there is another file of that name.
 void WriteGuide(const RenderJobOptions& options) {
   const path file = options.out / kFileGuideName;
-  std::error_code ignored;
-  if (std::filesystem::exists(file, ignored) && !ReadFile(file).starts_with(kFileGuideTitle)) {
+  if (Exists(file) && !ReadFile(file).starts_with(kFileGuideTitle)) {
     return;
   }
   WriteFile(file, FileGuide(options.products, options.storage, options.frame.normals_in));

@@ -11,6 +11,12 @@
 
 namespace raylift {
 
+// Return whether there is a file or folder, a folder or a regular file of this name; false for names
+// that no file can have, too.
+bool Exists(const std::filesystem::path& path);
+bool IsFolder(const std::filesystem::path& path);
+bool IsFile(const std::filesystem::path& path);
+
 // Returns the bytes of a file or of a shell's pipe. Throws InputError where it is something else.
 std::string ReadFile(const std::filesystem::path& path);
 

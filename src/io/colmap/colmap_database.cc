@@ -13,6 +13,7 @@
 #include <sqlite3.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/file.h"
 
 namespace raylift {
 namespace {
@@ -112,8 +113,7 @@ std::string UriOf(const path& file, bool is_closed) {
 }  // namespace
 
 bool IsColmapDatabase(const path& file) {
-  std::error_code ignored;
-  if (!std::filesystem::is_regular_file(file, ignored)) return false;
+  if (!IsFile(file)) return false;
   std::ifstream stream(file, std::ios::binary);
   std::array<char, 16> start{};
   return stream.read(start.data(), start.size()) &&

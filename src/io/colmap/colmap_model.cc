@@ -11,6 +11,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/file.h"
 
 namespace raylift {
 namespace {
@@ -18,8 +19,7 @@ namespace {
 using colmap::FilePath;
 
 bool HasFile(const std::filesystem::path& folder, std::string_view file, ColmapForm form) {
-  std::error_code ignored;
-  return std::filesystem::exists(FilePath(folder, file, form), ignored);
+  return Exists(FilePath(folder, file, form));
 }
 
 void ReadFiles(const std::filesystem::path& folder, ColmapForm form, ColmapModel* model) {

@@ -70,8 +70,7 @@ std::string Extension(const std::filesystem::path& path) {
 }  // namespace
 
 PlaneSize ReadImageSize(const std::filesystem::path& path) {
-  std::error_code ignored;
-  if (std::filesystem::is_regular_file(path, ignored)) {
+  if (IsFile(path)) {
     std::ifstream file(path, std::ios::binary);
     if (const auto size = PictureSizeFromHeader(file)) return *size;
   }

@@ -311,9 +311,8 @@ PoseProblemFile ParsePoseProblem(std::string_view json,
 }
 
 std::vector<std::filesystem::path> ListPoseProblems(const std::filesystem::path& file_or_folder) {
-  std::error_code ignored;
-  if (!std::filesystem::is_directory(file_or_folder, ignored)) {
-    if (!std::filesystem::exists(file_or_folder, ignored)) {
+  if (!IsFolder(file_or_folder)) {
+    if (!Exists(file_or_folder)) {
       throw InputError(file_or_folder, "no such file or folder");
     }
     return {file_or_folder};

@@ -51,9 +51,8 @@ std::vector<std::filesystem::path> MatchingFiles(const std::filesystem::path& pa
 }
 
 std::vector<std::filesystem::path> ListedFiles(const std::filesystem::path& path_or_pattern) {
-  std::error_code ignored;
   const bool is_pattern = path_or_pattern.string().find_first_of("*?") != std::string::npos;
-  if (!is_pattern || std::filesystem::exists(path_or_pattern, ignored)) {
+  if (!is_pattern || Exists(path_or_pattern)) {
     return {path_or_pattern};
   }
   auto files = MatchingFiles(path_or_pattern);
@@ -121,8 +120,7 @@ std::string_view PlainName(std::string_view line) {
 
 Query ReadQuery(const LineReader& lines, std::string_view line,
                 const std::filesystem::path& images) {
-  std::error_code ignored;
-  if (!images.empty() && std::filesystem::is_regular_file(PathBelow(images, line), ignored)) {
+  if (!images.empty() && IsFile(PathBelow(images, line))) {
     return QueryOfUnknownCamera(std::string(line), images);
   }
   const std::string_view plain = PlainName(line);
@@ -275,9 +273,7 @@ Query QueryOfUnknownCamera(const std::string& name, const std::filesystem::path&
 
 std::vector<Query> ReadQueryList(const std::filesystem::path& path_or_pattern,
                                  const std::filesystem::path& images) {
-  std::error_code ignored;
-  if (std::filesystem::is_directory(path_or_pattern, ignored))
-    return QueriesBelow(path_or_pattern, images);
+  if (IsFolder(path_or_pattern)) return QueriesBelow(path_or_pattern, images);
   std::vector<Query> queries;
   std::unordered_map<std::string, std::string> place_of_name;
   for (const std::filesystem::path& path : ListedFiles(path_or_pattern)) {

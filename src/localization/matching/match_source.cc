@@ -8,6 +8,7 @@
 #include "localization/retrieval/retrieval.h"
 
 #include "raylift/base/error.h"
+#include "raylift/base/file.h"
 #include "raylift/localization/scene.h"
 
 namespace raylift {
@@ -43,8 +44,7 @@ FrontEndOptions FrontEndOf(const Scene& scene, const MatchingOptions& options) {
 }  // namespace
 
 bool StandAlone(const std::filesystem::path& matches) {
-  std::error_code ignored;
-  return IsColmapDatabase(matches) || std::filesystem::is_directory(matches, ignored);
+  return IsColmapDatabase(matches) || IsFolder(matches);
 }
 
 std::unique_ptr<MatchSource> OpenMatches(const Scene& scene, std::span<const Query> queries,

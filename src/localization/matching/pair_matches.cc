@@ -20,6 +20,7 @@
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
+#include "raylift/base/file.h"
 #include "raylift/base/text.h"
 #include "raylift/io/hloc_files.h"
 
@@ -138,8 +139,7 @@ std::vector<std::pair<std::string, std::string>> Halves(const std::string& name)
 
 PairFiles::PairFiles(path folder, std::span<const std::string> references)
     : folder_(std::move(folder)) {
-  std::error_code ignored;
-  if (fs::exists(ListFile(), ignored)) ReadList();
+  if (Exists(ListFile())) ReadList();
   if (files_of_query_.empty()) ReadNames(references);
 }
 

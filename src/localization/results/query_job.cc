@@ -43,8 +43,7 @@ size_t WalksOfList(const std::filesystem::path& file) {
 }  // namespace
 
 std::vector<std::string> WalkFilesIn(const std::filesystem::path& out) {
-  std::error_code ignored;
-  if (!std::filesystem::exists(out / kWalkFile, ignored)) return {};
+  if (!Exists(out / kWalkFile)) return {};
   const size_t of_list = WalksOfList(out / kWalkFile);
   std::vector<std::string> names;
   for (size_t number = of_list > 0 ? 1 : 0; number <= of_list; ++number) {

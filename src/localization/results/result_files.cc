@@ -185,8 +185,7 @@ void WriteTiming(const std::filesystem::path& path, std::span<const LocalizedQue
     Json json = {{"name", query.name}, {"milliseconds", ToJson(query.times)}};
     text += JsonText(json) + '\n';
   }
-  std::error_code ignored;
-  if (text.empty() && std::filesystem::exists(path, ignored)) return;
+  if (text.empty() && Exists(path)) return;
   if (run) {
     Json json = {{"seconds", run->Total()},
                  {"stage_seconds",
