@@ -184,7 +184,7 @@ void Run(const DoctorFlags& flags) {
       Diagnose(MakeDoctorInput(geometry, scene.references.images, matches, scene.model_poses),
                {.threads = flags.run.threads});
   const DepthAlignment alignment = AlignDepth(*geometry.source, scene.references.images, matches,
-                                              {.mode = AlignMode::kAuto}, flags.run.threads);
+                                              AlignMode::kAuto, flags.run.threads);
   const std::string json = JsonText(DiagnosisJson(diagnosis, alignment), 2) + "\n";
   if (!flags.json.empty()) WriteFile(flags.json, json);
   if (!flags.report.empty()) {

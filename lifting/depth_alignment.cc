@@ -43,6 +43,10 @@ double RobustLogFactor(const std::vector<DepthObservation>& observations) {
   return WeightedMedian(std::move(factors));
 }
 
+// Matches farther than this from the epipolar line are wrong and not used.
+constexpr double kEpipolarThresholdPx = 3;
+// A map with fewer matches takes the factor that is likely by the others.
+constexpr size_t kMinMatches = 10;
 constexpr std::array kModes = {AlignMode::kOff, AlignMode::kScale, AlignMode::kAffine,
                                AlignMode::kGrid};
 
@@ -54,11 +58,11 @@ using Losses = std::array<double, kModes.size()>;
 // place that looks alike; with one other reference alone of places of the map, as matches of one
 // place are not independent. Returns the losses of each group.
 std::vector<Losses> HeldOutLosses(const std::vector<DepthObservation>& observations,
-                                  const Camera& camera, const AlignOptions& options) {
+                                  const Camera& camera) {
   // A match that is farther off is rather wrong, and as wrong as any: where Cauchy's density
   // 1 / (pi w (1 + (d / w)^2)) falls below that of a match anywhere along the epipolar line.
   const double extent_px = std::hypot(camera.width_px(), camera.height_px());
-  const double width_px = options.loss_width_px;
+  const double width_px = kLossWidthPx;
   const double wrong_px =
       width_px * std::sqrt(std::max(extent_px / (std::numbers::pi * width_px) - 1, 0.0));
   std::map<int, std::vector<DepthObservation>> groups;
@@ -78,10 +82,8 @@ std::vector<Losses> HeldOutLosses(const std::vector<DepthObservation>& observati
     std::array<DepthCorrection, kModes.size()> corrections;
     const double log_factor = RobustLogFactor(shown);
     for (size_t m = 0; m < kModes.size(); ++m) {
-      AlignOptions fit = options;
-      fit.mode = kModes[m];
-      if (fit.mode == AlignMode::kOff) continue;
-      corrections[m] = FitCorrection(shown, camera, log_factor, std::nullopt, fit);
+      if (kModes[m] == AlignMode::kOff) continue;
+      corrections[m] = FitCorrection(shown, camera, log_factor, std::nullopt, kModes[m]);
     }
     index = 0;
     for (const auto& [key, group] : groups) {
@@ -112,18 +114,17 @@ bool IsWorse(const std::vector<Losses>& losses, size_t first, size_t second) {
 
 // Chooses by some 30 of the maps that have matches for two fits.
 AlignMode ChooseMode(const std::vector<std::vector<DepthObservation>>& observations,
-                     std::span<const PosedImage> references, const AlignOptions& options,
-                     int threads) {
+                     std::span<const PosedImage> references, int threads) {
   constexpr size_t kMaps = 30;
   std::vector<size_t> rich;
   for (size_t i = 0; i < references.size(); ++i) {
-    if (observations[i].size() >= 2 * options.min_matches) rich.push_back(i);
+    if (observations[i].size() >= 2 * kMinMatches) rich.push_back(i);
   }
   const std::vector<size_t> chosen = EvenlySpaced(rich.size(), kMaps);
   std::vector<std::vector<Losses>> of_maps(chosen.size());
   ParallelFor(chosen.size(), threads, [&](size_t k) {
     const size_t i = rich[chosen[k]];
-    of_maps[k] = HeldOutLosses(observations[i], references[i].camera, options);
+    of_maps[k] = HeldOutLosses(observations[i], references[i].camera);
   });
   std::vector<Losses> losses;
   Losses sums{};
@@ -176,8 +177,7 @@ std::vector<DepthObservation> WithoutMisled(const std::vector<DepthObservation>&
 
 // Returns a map's own correction, which its matches tell.
 DepthCorrection OwnCorrection(const std::vector<DepthObservation>& observations,
-                              const Camera& camera, const FactorBelief& belief,
-                              const AlignOptions& options) {
+                              const Camera& camera, const FactorBelief& belief, AlignMode mode) {
   // A fit is finer than a belief.
   constexpr double kLeastSigma = 0.01;
   const KnownFactor known = {
@@ -185,7 +185,7 @@ DepthCorrection OwnCorrection(const std::vector<DepthObservation>& observations,
       .sigma = std::max(belief.sigma, kLeastSigma),
       .repeats = std::max(1.0, static_cast<double>(observations.size()) /
                                    static_cast<double>(belief.num_independent))};
-  return FitCorrection(observations, camera, belief.log_factor, known, options);
+  return FitCorrection(observations, camera, belief.log_factor, known, mode);
 }
 
 // Returns the median of the factors of the maps with a correction of their own; 0 for none.
@@ -203,9 +203,9 @@ double MedianLogFactor(std::span<const MapAlignment> maps) {
 // The first mode that predicts as well as any, but none where no map needs a factor.
 AlignMode ModeOf(const std::vector<std::vector<DepthObservation>>& observations,
                  const FactorBeliefs& beliefs, std::span<const PosedImage> references,
-                 const AlignOptions& options, int threads) {
-  if (options.mode != AlignMode::kAuto) return options.mode;
-  const AlignMode chosen = ChooseMode(observations, references, options, threads);
+                 AlignMode mode, int threads) {
+  if (mode != AlignMode::kAuto) return mode;
+  const AlignMode chosen = ChooseMode(observations, references, threads);
   return chosen == AlignMode::kScale && beliefs.all_right ? AlignMode::kOff : chosen;
 }
 
@@ -289,14 +289,13 @@ std::map<std::string, DepthCorrection> DepthAlignment::Corrections() const {
 }
 
 DepthAlignment AlignDepth(const GeometrySource& source, std::span<const PosedImage> references,
-                          std::span<const ReferenceMatch> matches, const AlignOptions& options,
-                          int threads) {
-  RAYLIFT_CHECK(options.mode != AlignMode::kOff);
+                          std::span<const ReferenceMatch> matches, AlignMode mode, int threads) {
+  RAYLIFT_CHECK(mode != AlignMode::kOff);
   const auto halves = HalvesByReference(matches, references.size());
   std::vector<std::vector<DepthObservation>> observations(references.size());
   ParallelFor(references.size(), threads, [&](size_t i) {
     observations[i] =
-        ObserveDepth(source, references, references[i], halves[i], options.epipolar_threshold_px);
+        ObserveDepth(source, references, references[i], halves[i], kEpipolarThresholdPx);
   });
   const FactorBeliefs beliefs = BeliefsOf(observations, references, threads);
   std::vector<std::vector<DepthObservation>> believed(references.size());
@@ -305,19 +304,17 @@ DepthAlignment AlignDepth(const GeometrySource& source, std::span<const PosedIma
   }
 
   DepthAlignment alignment;
-  alignment.mode = ModeOf(believed, beliefs, references, options, threads);
-  AlignOptions fit = options;
-  fit.mode = alignment.mode;
+  alignment.mode = ModeOf(believed, beliefs, references, mode, threads);
   alignment.maps.resize(references.size());
   ParallelFor(references.size(), threads, [&](size_t i) {
     MapAlignment& map = alignment.maps[i];
     const FactorBelief& belief = beliefs.of_map[i];
     map.reference = references[i].name;
     map.num_matches = belief.num_independent;
-    map.own_correction = alignment.mode != AlignMode::kOff && belief.is_own &&
-                         map.num_matches >= options.min_matches;
+    map.own_correction =
+        alignment.mode != AlignMode::kOff && belief.is_own && map.num_matches >= kMinMatches;
     if (map.own_correction) {
-      map.correction = OwnCorrection(believed[i], references[i].camera, belief, fit);
+      map.correction = OwnCorrection(believed[i], references[i].camera, belief, alignment.mode);
     }
   });
   alignment.median_factor = std::exp(MedianLogFactor(alignment.maps));

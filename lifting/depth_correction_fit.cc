@@ -13,6 +13,9 @@
 namespace raylift {
 namespace {
 
+constexpr int kGridColumns = 5;
+constexpr int kGridRows = 4;
+
 // The distance of a keypoint's projection from its match, over a map's log factors and, if there is
 // one more parameter, its shift.
 class ProjectedDepthCost final : public ceres::CostFunction {
@@ -107,14 +110,13 @@ void AddSmoothness(const DepthCorrection& correction, double* parameters, ceres:
 // Cauchy's density in the plane, (1 + d^2 / c^2)^(-3/2): so much does a square of sigmas weigh. A
 // shift s is a factor 1 + s / z of the depth z: here of most.
 void AddKnownFactor(const KnownFactor& known, size_t num_nodes, double depth,
-                    const AlignOptions& options, std::vector<double>& parameters,
-                    ceres::Problem& problem) {
+                    std::vector<double>& parameters, ceres::Problem& problem) {
   std::vector<GridWeight> factor;
   for (size_t i = 0; i < num_nodes; ++i) {
     factor.push_back({i, 1.0 / static_cast<double>(num_nodes)});
   }
   if (parameters.size() > num_nodes) factor.push_back({num_nodes, 1 / depth});
-  const double weight = options.loss_width_px * std::sqrt(known.repeats / 3);
+  const double weight = kLossWidthPx * std::sqrt(known.repeats / 3);
   problem.AddResidualBlock(new LinearPrior(std::move(factor), known.sigma / weight,
                                            static_cast<int>(parameters.size()), known.log_factor),
                            nullptr, parameters.data());
@@ -153,16 +155,15 @@ std::vector<DepthObservation> ObserveDepth(const GeometrySource& source,
 
 DepthCorrection FitCorrection(const std::vector<DepthObservation>& observations,
                               const Camera& camera, double log_factor,
-                              const std::optional<KnownFactor>& known,
-                              const AlignOptions& options) {
+                              const std::optional<KnownFactor>& known, AlignMode mode) {
   DepthCorrection correction;
-  if (options.mode == AlignMode::kGrid) {
-    correction.columns = options.grid_columns;
-    correction.rows = options.grid_rows;
+  if (mode == AlignMode::kGrid) {
+    correction.columns = kGridColumns;
+    correction.rows = kGridRows;
   }
   const size_t num_nodes =
       static_cast<size_t>(correction.columns) * static_cast<size_t>(correction.rows);
-  const bool has_shift = options.mode == AlignMode::kAffine;
+  const bool has_shift = mode == AlignMode::kAffine;
   correction.log_factors.assign(num_nodes, log_factor);
 
   std::vector<double> parameters(num_nodes + (has_shift ? 1 : 0), 0);
@@ -177,12 +178,12 @@ DepthCorrection FitCorrection(const std::vector<DepthObservation>& observations,
     problem.AddResidualBlock(
         new ProjectedDepthCost(o, GridWeights(correction.columns, correction.rows, camera, o.pixel),
                                num_nodes, has_shift),
-        new ceres::CauchyLoss(options.loss_width_px), parameters.data());
+        new ceres::CauchyLoss(kLossWidthPx), parameters.data());
   }
   if (depths.empty()) return correction;
   if (num_nodes > 1) AddSmoothness(correction, parameters.data(), problem);
   if (known) {
-    AddKnownFactor(*known, num_nodes, UpperMedianOr(depths, 0), options, parameters, problem);
+    AddKnownFactor(*known, num_nodes, UpperMedianOr(depths, 0), parameters, problem);
   }
   if (has_shift) {
     // Factor and shift are told apart by the range of depths alone; without one, no shift.

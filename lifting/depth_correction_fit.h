@@ -15,6 +15,9 @@
 
 namespace raylift {
 
+// Residuals are weighed by Cauchy's loss of this width.
+inline constexpr double kLossWidthPx = 2;
+
 // A keypoint of a map and its match in another image.
 struct DepthObservation {
   Eigen::Vector2d pixel;
@@ -42,10 +45,10 @@ struct KnownFactor {
   double repeats;
 };
 
-// Returns the correction of the options' mode (not off, not auto) that starts from one factor and
+// Returns the correction of a mode (not off, not auto) that starts from one factor and
 // fits the observations best; the mean of its factors also fits what is known of it, if that is.
 DepthCorrection FitCorrection(const std::vector<DepthObservation>& observations,
                               const Camera& camera, double log_factor,
-                              const std::optional<KnownFactor>& known, const AlignOptions& options);
+                              const std::optional<KnownFactor>& known, AlignMode mode);
 
 }  // namespace raylift

@@ -288,7 +288,7 @@ std::vector<Rigid3> SampleViews(const Caster& caster, const CameraLike& camera, 
     if (!up) options.up_in_world = EstimateUp(surface.mesh()).up_in_world;
     if (how == "around") return SampleAround(surface, options, {}).cam_from_world;
     if (how == "inside") return SampleInside(surface, options, {}).cam_from_world;
-    if (how == "cover") return SampleCovering(surface, options, {}).cam_from_world;
+    if (how == "cover") return SampleCovering(surface, options).cam_from_world;
     if (how == "walk") return SampleWalk(surface, options, {}).cam_from_world;
     throw OptionError("how", how, "expected around|inside|cover|walk");
   });

@@ -246,7 +246,7 @@ class Comparer {
         CompareImage(sources_, views_[image], views, options_.truth, options_.range, curves);
     for (size_t s = 0; s < sources_.size(); ++s) {
       results.of_source[s].consistency =
-          MeasureConsistency(*sources_[s].source, images_, image, overlaps, options_.consistency);
+          MeasureConsistency(*sources_[s].source, images_, image, overlaps);
       if (options_.on_progress) options_.on_progress();
     }
     return results;
@@ -274,7 +274,7 @@ class Comparer {
     for (size_t i = 0; i < source.images.size(); ++i) {
       source.images[i].relative_log_scale = scales[i];
     }
-    source.common_log_scale = CommonLogScale(consistency, options_.consistency);
+    source.common_log_scale = CommonLogScale(consistency);
   }
 
   void Explain(const GeometrySource& geometry, SourceComparison& source) const {

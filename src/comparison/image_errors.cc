@@ -151,15 +151,13 @@ MatchScales ScalesByMatches(const GeometrySource& source, std::span<const PosedI
   MatchScales scales;
   scales.log_scales.resize(images.size());
   if (matches.empty()) return scales;
-  const DepthAlignment by_scale =
-      AlignDepth(source, images, matches, {.mode = AlignMode::kScale}, threads);
+  const DepthAlignment by_scale = AlignDepth(source, images, matches, AlignMode::kScale, threads);
   for (size_t i = 0; i < by_scale.maps.size(); ++i) {
     if (by_scale.maps[i].own_correction) {
       scales.log_scales[i] = -by_scale.maps[i].correction.log_factors.front();
     }
   }
-  const DepthAlignment by_grid =
-      AlignDepth(source, images, matches, {.mode = AlignMode::kGrid}, threads);
+  const DepthAlignment by_grid = AlignDepth(source, images, matches, AlignMode::kGrid, threads);
   std::vector<double> sigmas;
   for (const MapAlignment& map : by_grid.maps) {
     if (!map.own_correction) continue;

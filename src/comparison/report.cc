@@ -25,6 +25,8 @@ using Json = nlohmann::ordered_json;
 constexpr double kFullError = 0.2;
 constexpr int kHistogramBins = 41;
 constexpr int kQueryPhotoWidthPx = 640;
+constexpr size_t kMaxStrips = 40;  // images that are shown, evenly spread
+constexpr int kThumbnailWidthPx = 220;
 
 Json MetricsJson() {
   Json metrics = Json::array();
@@ -58,19 +60,18 @@ struct ReportPictures::Impl {
     Json sources = Json::array();
     for (size_t s = 0; s < views.size(); ++s) {
       const DepthMap& depth = views[s].depth;
-      Json source = {
-          {"depth", JpegDataUri(ColorizeDepth(depth, near, far), options.thumbnail_width_px)},
-          {"error", nullptr}};
+      Json source = {{"depth", JpegDataUri(ColorizeDepth(depth, near, far), kThumbnailWidthPx)},
+                     {"error", nullptr}};
       if (truth && s != *truth) {
         const DepthMap& true_depth = views[*truth].depth;
         source["error"] =
-            JpegDataUri(ColorizeError(depth, true_depth, kFullError), options.thumbnail_width_px);
+            JpegDataUri(ColorizeError(depth, true_depth, kFullError), kThumbnailWidthPx);
         source["histogram"] = ErrorHistogram(depth, true_depth, kFullError, kHistogramBins);
       }
       sources.push_back(std::move(source));
     }
     return {{"image", view.name},
-            {"photo", photo ? Json(JpegDataUri(*photo, options.thumbnail_width_px)) : Json()},
+            {"photo", photo ? Json(JpegDataUri(*photo, kThumbnailWidthPx)) : Json()},
             {"sources", sources}};
   }
 };
@@ -83,7 +84,7 @@ ReportPictures::ReportPictures(std::span<const ComparedSource> sources,
   impl_->truth = truth;
   std::vector<double> depths;
   constexpr int kPixels = 100;
-  for (const size_t i : EvenlySpaced(images.size(), options.max_images)) {
+  for (const size_t i : EvenlySpaced(images.size(), kMaxStrips)) {
     impl_->strips.try_emplace(i);
     const GeometrySource& source = *sources[truth.value_or(0)].source;
     for (const auto& point : source.Lift(images[i], GridPixels(images[i].camera, kPixels))) {
@@ -128,7 +129,7 @@ std::string FormatReport(const DepthComparison& comparison,
   data["full_error"] = kFullError;
   data["depth_colors"] = DepthColors();
   data["error_colors"] = ErrorColors();
-  data["tile_width"] = options.thumbnail_width_px;
+  data["tile_width"] = kThumbnailWidthPx;
   SceneJson scene;
   for (const auto& [index, strip] : taken.strips) {
     if (!strip.json.is_null()) AppendTo(data, "strips", strip.json);

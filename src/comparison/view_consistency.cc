@@ -18,6 +18,10 @@ constexpr double kSameSurface = 0.25;
 constexpr size_t kMinPairPixels = 30;
 constexpr double kMaxScaleCost = 0.1;
 constexpr double kSampleShareOfScale = 0.3;
+constexpr int kSamples = 800;  // pixels per image, on a grid
+// Factors that are tried on all depths at once, to find the common scale.
+constexpr double kMaxLogScale = 0.24;
+constexpr int kScaleSteps = 13;
 
 std::vector<Eigen::Vector3d> PointsOf(const GeometrySource& source, const PosedImage& image,
                                       int count) {
@@ -74,9 +78,7 @@ std::optional<PairConsistency> SummarizePair(size_t other, std::span<const doubl
   return PairConsistency{other, close.size(), MidpointMedianInPlace(std::span(close))};
 }
 
-double LogScaleOfStep(const ConsistencyOptions& options, int step) {
-  return options.max_log_scale * (2.0 * step / (options.scale_steps - 1) - 1);
-}
+double LogScaleOfStep(int step) { return kMaxLogScale * (2.0 * step / (kScaleSteps - 1) - 1); }
 
 }  // namespace
 
@@ -108,21 +110,20 @@ std::vector<std::vector<size_t>> FindOverlaps(const GeometrySource& source,
 
 ImageConsistency MeasureConsistency(const GeometrySource& source,
                                     std::span<const PosedImage> images, size_t image,
-                                    std::span<const size_t> others,
-                                    const ConsistencyOptions& options) {
+                                    std::span<const size_t> others) {
   ImageConsistency result;
-  result.cost_of_scale.assign(static_cast<size_t>(options.scale_steps), 0);
+  result.cost_of_scale.assign(static_cast<size_t>(kScaleSteps), 0);
   const PosedImage& own = images[image];
-  const auto points = PointsOf(source, own, options.samples);
-  const auto few = PointsOf(source, own, static_cast<int>(options.samples * kSampleShareOfScale));
+  const auto points = PointsOf(source, own, kSamples);
+  const auto few = PointsOf(source, own, static_cast<int>(kSamples * kSampleShareOfScale));
   const Eigen::Vector3d center = own.cam_from_world.OriginInSource();
   std::vector<double> all;
   for (const size_t other : others) {
     const auto rhos = RhosIn(source, images[other], points, 1);
     all.insert(all.end(), rhos.begin(), rhos.end());
     if (const auto pair = SummarizePair(other, rhos)) result.pairs.push_back(*pair);
-    for (int step = 0; step < options.scale_steps; ++step) {
-      const double factor = std::exp(LogScaleOfStep(options, step));
+    for (int step = 0; step < kScaleSteps; ++step) {
+      const double factor = std::exp(LogScaleOfStep(step));
       std::vector<Eigen::Vector3d> scaled = few;
       for (Eigen::Vector3d& point : scaled) point = center + factor * (point - center);
       const auto scaled_rhos = RhosIn(source, images[other], scaled, factor);
@@ -189,9 +190,8 @@ std::vector<std::optional<double>> RelativeLogScales(std::span<const ImageConsis
   return scales;
 }
 
-std::optional<double> CommonLogScale(std::span<const ImageConsistency> images,
-                                     const ConsistencyOptions& options) {
-  std::vector<double> cost(static_cast<size_t>(options.scale_steps), 0);
+std::optional<double> CommonLogScale(std::span<const ImageConsistency> images) {
+  std::vector<double> cost(static_cast<size_t>(kScaleSteps), 0);
   for (const ImageConsistency& image : images) {
     for (size_t k = 0; k < image.cost_of_scale.size(); ++k) cost[k] += image.cost_of_scale[k];
   }
@@ -205,9 +205,9 @@ std::optional<double> CommonLogScale(std::span<const ImageConsistency> images,
     const double curvature = cost[k - 1] - 2 * cost[k] + cost[k + 1];
     if (curvature > 0) offset = 0.5 * (cost[k - 1] - cost[k + 1]) / curvature;
   }
-  const double step = 2 * options.max_log_scale / (options.scale_steps - 1);
+  const double step = 2 * kMaxLogScale / (kScaleSteps - 1);
   // The factor that repairs the depths is the inverse of that by which they are too large.
-  return -(LogScaleOfStep(options, static_cast<int>(k)) + offset * step);
+  return -(LogScaleOfStep(static_cast<int>(k)) + offset * step);
 }
 
 }  // namespace raylift

@@ -27,8 +27,7 @@ std::vector<std::vector<size_t>> FindOverlaps(const GeometrySource& source,
 
 ImageConsistency MeasureConsistency(const GeometrySource& source,
                                     std::span<const PosedImage> images, size_t image,
-                                    std::span<const size_t> others,
-                                    const ConsistencyOptions& options);
+                                    std::span<const size_t> others);
 
 // Returns ln of each image's scale relative to the mean of all, by least squares over the pairs;
 // nullopt for an image without pairs.
@@ -37,7 +36,6 @@ std::vector<std::optional<double>> RelativeLogScales(std::span<const ImageConsis
 // Returns ln of the factor by which all depths are too large, from the factor that makes the images
 // agree best; nullopt where no factor is clearly better than the others. It needs views from
 // different places: by pure rotations no scale can be told.
-std::optional<double> CommonLogScale(std::span<const ImageConsistency> images,
-                                     const ConsistencyOptions& options);
+std::optional<double> CommonLogScale(std::span<const ImageConsistency> images);
 
 }  // namespace raylift

@@ -11,6 +11,7 @@
 namespace raylift {
 namespace {
 
+constexpr double kFewestSigmas = 5;
 constexpr size_t kFewestPairsForShift = 40;
 // A smaller mean gain in c changes no result: errors that are smaller by a hundredth.
 constexpr double kSmallestGain = 0.02;
@@ -108,7 +109,7 @@ std::vector<ConventionSearch::Candidate> ConventionSearch::Explain(
 }
 
 bool ConventionSearch::IsFarBetter(const Gain& gain) const {
-  return gain.sigmas >= options_.min_sigmas && gain.mean >= kSmallestGain;
+  return gain.sigmas >= kFewestSigmas && gain.mean >= kSmallestGain;
 }
 
 // The best of the readings with the fewest changes: one more must pay for itself.
@@ -159,7 +160,7 @@ ConventionSearch::Candidate ConventionSearch::ChooseShift(const Candidate& best)
 DataConvention ConventionSearch::ChooseScale(const Candidate& candidate) const {
   const double log_factor = KnownUnit(candidate.common.log_factor);
   if (std::abs(log_factor) <
-      std::max(options_.min_sigmas * candidate.common.standard_error, kSmallestScaleChange)) {
+      std::max(kFewestSigmas * candidate.common.standard_error, kSmallestScaleChange)) {
     return candidate.convention;
   }
   const Gain gain = Compare(data_, data_.Errors(candidate.convention, 0),

@@ -32,8 +32,7 @@ std::vector<std::optional<DepthAlignment>> AlignSources(const Scene& scene, Alig
   for (size_t i = 0; i < scene.sources.size(); ++i) {
     const NamedGeometry& geometry = scene.sources[i].geometry;
     if (geometry.kind == GeometryKind::kSfm) continue;
-    alignments[i] =
-        AlignDepth(*geometry.source, scene.references.images, matches, {.mode = mode}, threads);
+    alignments[i] = AlignDepth(*geometry.source, scene.references.images, matches, mode, threads);
   }
   return alignments;
 }

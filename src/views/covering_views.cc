@@ -17,7 +17,12 @@ namespace raylift {
 namespace {
 
 constexpr size_t kSurfaceSamples = 1500;
-constexpr double kOutermost = 0.02;       // share of the samples, on each side
+constexpr double kOutermost = 0.02;  // share of the samples, on each side
+// Distance from the surface that a camera looks at, as a share of the mesh's size (the diagonal of
+// its bounds without the outermost points).
+constexpr double kMinDistance = 0.12;
+constexpr double kMaxDistance = 0.5;
+constexpr double kMinCoverage = 0.5;      // share of the picture that must see a surface
 constexpr double kMinFrontShare = 0.9;    // the rest may be thin things without a back
 constexpr int kDirections = 1024;         // in which surfaces are looked for, around a camera
 constexpr double kMaxObliqueDeg = 50;     // of the line of sight from the surface's normal
@@ -62,11 +67,9 @@ double SizeOf(const std::vector<SurfaceSample>& samples) {
 
 class CoveringSampler {
  public:
-  CoveringSampler(const RayCaster& mesh, const ViewSamplerOptions& options,
-                  const CoveringOptions& covering)
+  CoveringSampler(const RayCaster& mesh, const ViewSamplerOptions& options)
       : mesh_(mesh),
         options_(options),
-        covering_(covering),
         up_(options.up_in_world.normalized()),
         samples_(SampleSurface(mesh.mesh(), kSurfaceSamples, options.seed)),
         size_(SizeOf(samples_)) {}
@@ -134,18 +137,15 @@ class CoveringSampler {
     Eigen::Vector3d normal = target.normal_in_world;
     if (options_.any_side && rng.UniformIndex(2) == 0) normal = -normal;
     const Eigen::Vector3d outward = DirectionAround(normal, rng);
-    const double distance = size_ * std::exp(rng.Uniform(std::log(covering_.min_distance),
-                                                         std::log(covering_.max_distance)));
-    if (std::abs(outward.dot(up_)) > std::sin(covering_.max_tilt_deg * kRadPerDeg) + 1e-9) {
-      return std::nullopt;
-    }
+    const double distance =
+        size_ * std::exp(rng.Uniform(std::log(kMinDistance), std::log(kMaxDistance)));
     const Eigen::Vector3d eye = target.point_in_world + distance * outward;
     if (!Sees(eye, target.point_in_world)) return std::nullopt;
     const Surroundings around = ProbeSurroundings(mesh_, eye, kDirections);
     if (around.clearance < options_.clearance) return std::nullopt;
     const Rigid3 pose = LookAlong(eye, -outward, up_);
     const VisibleSurface sight = MeasureView(mesh_, options_.camera, pose);
-    if (sight.coverage < covering_.min_coverage || sight.median_range < 2 * options_.clearance) {
+    if (sight.coverage < kMinCoverage || sight.median_range < 2 * options_.clearance) {
       return std::nullopt;
     }
     if (!options_.any_side && sight.front_share < kMinFrontShare) return std::nullopt;
@@ -230,7 +230,6 @@ class CoveringSampler {
 
   const RayCaster& mesh_;
   const ViewSamplerOptions& options_;
-  const CoveringOptions& covering_;
   Eigen::Vector3d up_;
   std::vector<SurfaceSample> samples_;
   double size_;
@@ -240,14 +239,13 @@ class CoveringSampler {
 
 }  // namespace
 
-SampledViews SampleCovering(const RayCaster& mesh, const ViewSamplerOptions& options,
-                            const CoveringOptions& covering) {
-  return CoveringSampler(mesh, options, covering).Run();
+SampledViews SampleCovering(const RayCaster& mesh, const ViewSamplerOptions& options) {
+  return CoveringSampler(mesh, options).Run();
 }
 
 double CoverageOf(const RayCaster& mesh, const ViewSamplerOptions& options,
                   std::span<const Rigid3> cam_from_world) {
-  return CoveringSampler(mesh, options, {}).Measure(cam_from_world);
+  return CoveringSampler(mesh, options).Measure(cam_from_world);
 }
 
 double MeshSize(const TriangleMesh& mesh, uint64_t seed) {

@@ -40,7 +40,7 @@ ViewsOfKind SampleAuto(const RayCaster& mesh, const ViewSamplerOptions& options,
                        const ViewSamplerOptions& close, const InsideOptions& inside_options) {
   constexpr double kMinShare = 0.25;
   std::optional<SampledViews> inside = TrySampleInside(mesh, options, inside_options);
-  SampledViews cover = SampleCovering(mesh, close, {});
+  SampledViews cover = SampleCovering(mesh, close);
   const auto shown = [&](const SampledViews& views) {
     return CoverageOf(mesh, close, views.cam_from_world);
   };
@@ -104,7 +104,7 @@ ViewsOfKind SampleViews(const RayCaster& mesh, ViewKind kind, const ViewSamplerO
     case ViewKind::kAround:
       return {kind, SampleAround(mesh, close, around)};
     case ViewKind::kCover:
-      return {kind, SampleCovering(mesh, close, {})};
+      return {kind, SampleCovering(mesh, close)};
     case ViewKind::kAuto:
       break;
   }

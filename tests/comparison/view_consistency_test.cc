@@ -12,7 +12,7 @@ std::vector<ImageConsistency> MeasureAll(const GeometrySource& source, const Com
   const auto overlaps = FindOverlaps(room.truth, room.images, 4, 1);
   std::vector<ImageConsistency> all;
   for (size_t i = 0; i < room.images.size(); ++i) {
-    all.push_back(MeasureConsistency(source, room.images, i, overlaps[i], {}));
+    all.push_back(MeasureConsistency(source, room.images, i, overlaps[i]));
   }
   return all;
 }
@@ -47,7 +47,7 @@ TEST(ViewConsistency, TheCommonScaleIsThatWithWhichImagesAgree) {
   const ComparedRoom room;
   for (const double factor : {0.9, 1.0, 1.1}) {
     const MapSource source = room.Perturbed({.scale = factor});
-    const auto scale = CommonLogScale(MeasureAll(source, room), {});
+    const auto scale = CommonLogScale(MeasureAll(source, room));
     ASSERT_TRUE(scale.has_value()) << factor;
     EXPECT_NEAR(std::exp(*scale), factor, 0.02);
   }

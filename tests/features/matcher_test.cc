@@ -48,8 +48,8 @@ struct Nearest {
 };
 
 // The definition, in double precision and by distances, not products.
-Nearest FindNearest(const Eigen::VectorXf& descriptor, const Features& others,
-                    double same_place_px) {
+Nearest FindNearest(const Eigen::VectorXf& descriptor, const Features& others) {
+  constexpr double kSamePlacePx = 2;
   Eigen::VectorXd distances(others.descriptors.cols());
   for (int j = 0; j < distances.size(); ++j) {
     distances[j] = (descriptor.cast<double>() - others.descriptors.col(j).cast<double>()).norm();
@@ -58,7 +58,7 @@ Nearest FindNearest(const Eigen::VectorXf& descriptor, const Features& others,
   nearest.distance = distances.minCoeff(&nearest.index);
   for (int j = 0; j < distances.size(); ++j) {
     const double apart_px = (others.keypoints_px[j] - others.keypoints_px[nearest.index]).norm();
-    if (j != nearest.index && apart_px > same_place_px) {
+    if (j != nearest.index && apart_px > kSamePlacePx) {
       nearest.second_distance = std::min(nearest.second_distance, distances[j]);
     }
   }
@@ -69,9 +69,8 @@ std::vector<FeatureMatch> MatchByDefinition(const Features& query, const Feature
                                             const MatchOptions& options) {
   std::vector<FeatureMatch> matches;
   for (int i = 0; i < query.descriptors.cols(); ++i) {
-    const Nearest nearest = FindNearest(query.descriptors.col(i), reference, options.same_place_px);
-    const Nearest back =
-        FindNearest(reference.descriptors.col(nearest.index), query, options.same_place_px);
+    const Nearest nearest = FindNearest(query.descriptors.col(i), reference);
+    const Nearest back = FindNearest(reference.descriptors.col(nearest.index), query);
     const bool distinct =
         options.max_ratio >= 1 || nearest.distance < options.max_ratio * nearest.second_distance;
     if (back.index == i && distinct) {

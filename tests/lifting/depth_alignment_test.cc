@@ -42,7 +42,7 @@ struct Aligned {
 Aligned Align(const Room& room, DistortedSource::Distortion distortion,
               const std::vector<ReferenceMatch>& matches, AlignMode mode) {
   const auto source = std::make_shared<DistortedSource>(room.walls, std::move(distortion));
-  DepthAlignment alignment = AlignDepth(*source, room.references, matches, {.mode = mode}, 1);
+  DepthAlignment alignment = AlignDepth(*source, room.references, matches, mode, 1);
   const auto corrections = alignment.Corrections();
   return {std::move(alignment), AlignedSource(source, corrections)};
 }
@@ -246,9 +246,8 @@ TEST(AlignDepth, ThreadsDoNotChangeTheResult) {
   Rng rng = TestRng();
   const Room room(4, rng);
   const auto matches = room.MatchAll(50, 1, rng);
-  const AlignOptions options{.mode = AlignMode::kGrid};
-  const auto one = AlignDepth(*room.walls, room.references, matches, options, 1);
-  const auto three = AlignDepth(*room.walls, room.references, matches, options, 3);
+  const auto one = AlignDepth(*room.walls, room.references, matches, AlignMode::kGrid, 1);
+  const auto three = AlignDepth(*room.walls, room.references, matches, AlignMode::kGrid, 3);
   for (size_t i = 0; i < one.maps.size(); ++i) {
     EXPECT_EQ(one.maps[i].correction.log_factors, three.maps[i].correction.log_factors);
   }

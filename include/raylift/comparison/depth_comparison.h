@@ -43,20 +43,13 @@ struct MatchErrors {
   std::array<double, kMatchErrorThresholdsPx.size()> within_percent = {};  // of count + missing
 };
 
-// Agreement of an image's depth with that of others, see comparison/view_consistency.h.
-struct ConsistencyOptions {
-  int samples = 800;  // pixels per image, on a grid
-  // Factors that are tried on all depths at once, to find the common scale.
-  double max_log_scale = 0.24;
-  int scale_steps = 13;
-};
-
 struct PairConsistency {
   size_t other = 0;
   size_t count = 0;
   double median_rho = 0;  // of |rho| < 0.25: which of the two images has the larger scale
 };
 
+// Agreement of an image's depth with that of others, see comparison/view_consistency.h.
 struct ImageConsistency {
   size_t count = 0;                                  // samples that fall on depth in another image
   std::array<double, 3> within_percent = {0, 0, 0};  // |rho| below 1, 2 and 5 %
@@ -113,7 +106,6 @@ struct DepthComparisonOptions {
   // image's size hold themselves.
   int max_side_px = 640;
   int max_overlaps = 5;
-  ConsistencyOptions consistency;
   DepthRange range;  // of the errors against the truth; all else looks at every depth
   std::vector<double> surface_thresholds;  // scene units; empty: 1, 2 and 5 % of the median depth
   int threads = 0;

@@ -21,8 +21,6 @@ struct ReportOptions {
   std::string title = "Raylift";
   std::filesystem::path images;        // photographs of the references; empty: none are shown
   std::filesystem::path query_images;  // of the queries; empty: none
-  size_t max_images = 40;              // that are shown as strips, evenly spread
-  int thumbnail_width_px = 220;
 };
 
 // Collects the pictures of a comparison while it runs.

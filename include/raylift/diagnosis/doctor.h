@@ -8,7 +8,7 @@
 // Readings are compared in pairs over the same matches by c = log(1 + e^2 / px^2) of the
 // reprojection errors e: the difference's mean over its standard error, in which the matches of one
 // pair of images count as one (they share the errors of poses). Another reading explains the data
-// far better where this exceeds `min_sigmas` and errors shrink by at least a hundredth. As the
+// far better where this exceeds 5 and errors shrink by at least a hundredth. As the
 // readings are few and discrete, that is so only where the data are nearer to the other one. Each
 // map's scale is left free in these comparisons: monocular depth is inconsistent between maps
 // whatever its reading. Then the unit is what the maps' scales have in common.
@@ -66,8 +66,7 @@ DoctorInput MakeDoctorInput(const NamedGeometry& geometry, std::span<const Posed
 
 struct DoctorOptions {
   size_t max_matches = 20000;  // evenly out of all
-  double min_sigmas = 5;
-  bool half_pixels = true;  // also tests these, which take many matches
+  bool half_pixels = true;     // also tests these, which take many matches
   // Looks for the place of a mesh that does not fit, or that would fit far better elsewhere, which
   // takes time.
   bool mesh_frames = true;

@@ -19,10 +19,6 @@ struct RootSiftOptions {
   // A larger image is shrunk (by area averaging) until its longer side has this many pixels; the
   // keypoints are given in the original's pixels all the same.
   int max_image_side_px = 1600;
-  // Least contrast of a keypoint as OpenCV counts it (default there 0.04; COLMAP's default is 0.02
-  // in these units). Weak keypoints matter where texture is scarce: a pair of indoor photographs of
-  // 640 x 480 got 117 correct matches against 67 with 0.04, for 76 % correct against 79 %.
-  double contrast_threshold = 0.01;
 };
 
 // Features of a gray image, the strongest first; a keypoint with several dominant orientations
@@ -40,10 +36,6 @@ struct MatchOptions {
   // Lowe's ratio test: the distance from the query's descriptor to its nearest neighbor is below
   // this share of the distance to the second nearest. 1: no such test.
   double max_ratio = 0.8;
-  // The second nearest must lie farther from the nearest than this: the same place found again, at
-  // another scale or orientation, does not make a match ambiguous (1 to 2 % more correct matches at
-  // the same share of wrong ones).
-  double same_place_px = 2.0;
 };
 
 // Matches in the order of the query's features; features at equal pixels (one place with several

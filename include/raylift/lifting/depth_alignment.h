@@ -94,18 +94,6 @@ inline constexpr auto kEnumNames<AlignMode> = std::to_array<EnumName<AlignMode>>
     {AlignMode::kAuto, "auto"},
 });
 
-struct AlignOptions {
-  AlignMode mode = AlignMode::kOff;
-  int grid_columns = 5;
-  int grid_rows = 4;
-  // Matches farther than this from the epipolar line are wrong and not used.
-  double epipolar_threshold_px = 3;
-  // Residuals are weighed by Cauchy's loss of this width.
-  double loss_width_px = 2;
-  // A map with fewer matches takes the factor that is likely by the others.
-  size_t min_matches = 10;
-};
-
 // The result of the alignment for one map.
 struct MapAlignment {
   std::string reference;
@@ -128,7 +116,6 @@ struct DepthAlignment {
 
 // Results do not depend on the number of threads.
 DepthAlignment AlignDepth(const GeometrySource& source, std::span<const PosedImage> references,
-                          std::span<const ReferenceMatch> matches, const AlignOptions& options,
-                          int threads);
+                          std::span<const ReferenceMatch> matches, AlignMode mode, int threads);
 
 }  // namespace raylift

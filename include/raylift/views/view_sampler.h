@@ -86,20 +86,10 @@ SampledViews SampleWalk(const RayCaster& mesh, const ViewSamplerOptions& options
 Rigid3 LookAlong(const Eigen::Vector3d& center, const Eigen::Vector3d& forward,
                  const Eigen::Vector3d& up);
 
-struct CoveringOptions {
-  // Distance from the surface that a camera looks at, as a share of the mesh's size (the diagonal
-  // of its bounds without the outermost points).
-  double min_distance = 0.12;
-  double max_distance = 0.5;
-  double min_coverage = 0.5;   // share of the picture that must see a surface
-  double max_tilt_deg = 90.0;  // of the line of sight, above or below the horizon
-};
-
 // Takes from many random places in front of surfaces, one by one, those that add most: a surface
 // point counts the less the more views see it already from a similar direction and distance.
 // Throws InputError where there is no place.
-SampledViews SampleCovering(const RayCaster& mesh, const ViewSamplerOptions& options,
-                            const CoveringOptions& covering);
+SampledViews SampleCovering(const RayCaster& mesh, const ViewSamplerOptions& options);
 
 // How well views show the mesh's surfaces: the sum, over points spread over them, of what
 // SampleCovering counts for each view, per point. More views give more, views from other sides far
