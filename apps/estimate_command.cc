@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <atomic>
-#include <chrono>
 #include <memory>
 #include <numeric>
 #include <optional>
@@ -15,6 +14,7 @@
 #include "apps/options.h"
 #include "base/hash.h"
 #include "base/input_paths.h"
+#include "base/lap_clock.h"
 #include "base/progress.h"
 #include "estimation/common_noise.h"
 #include "jobs/fingerprint.h"
@@ -108,11 +108,9 @@ EstimateRow Estimate(const PoseEstimator& estimator, Method method, const Proble
   PoseEstimate estimate;
   std::vector<double> times_ms;
   for (int i = 0; i < repeat; ++i) {
-    const auto start = std::chrono::steady_clock::now();
+    const LapClock clock;
     estimate = estimator.Estimate(problem);
-    const std::chrono::duration<double, std::milli> elapsed =
-        std::chrono::steady_clock::now() - start;
-    times_ms.push_back(elapsed.count());
+    times_ms.push_back(1e3 * clock.Seconds());
   }
   std::sort(times_ms.begin(), times_ms.end());
   return MakeEstimateRow(problem.name, file.name, method, estimate, times_ms[times_ms.size() / 2]);

@@ -3,7 +3,6 @@
 #pragma once
 
 #include <atomic>
-#include <chrono>
 #include <cstddef>
 #include <memory>
 #include <optional>
@@ -12,6 +11,7 @@
 #include <vector>
 
 #include "apps/localize_flags.h"
+#include "base/lap_clock.h"
 #include "localization/continuous/continuous_localizer.h"
 
 #include "raylift/localization/localizer.h"
@@ -20,22 +20,6 @@
 #include "raylift/report/localization_report.h"
 
 namespace raylift {
-
-// Times one stage of a command after the other.
-class LapClock {
- public:
-  // Seconds since the last lap, at first since it was made.
-  double Lap() {
-    const Clock::time_point now = Clock::now();
-    const std::chrono::duration<double> lap = now - begin_;
-    begin_ = now;
-    return lap.count();
-  }
-
- private:
-  using Clock = std::chrono::steady_clock;
-  Clock::time_point begin_ = Clock::now();
-};
 
 // Throws OptionError where the folder holds a former run and no option says what is to become of it.
 void RefuseFormerResults(const LocalizeFlags& flags);

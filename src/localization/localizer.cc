@@ -1,10 +1,10 @@
 #include "raylift/localization/localizer.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <utility>
 
+#include "base/lap_clock.h"
 #include "localization/retrieval/covisibility.h"
 #include "localization/rig_problem.h"
 #include <fmt/format.h>
@@ -16,23 +16,6 @@
 
 namespace raylift {
 namespace {
-
-// Adds the milliseconds that it lives to a sum.
-class StageTimer {
- public:
-  explicit StageTimer(double& sum_ms) : sum_ms_(sum_ms) {}
-  ~StageTimer() {
-    const std::chrono::duration<double, std::milli> elapsed =
-        std::chrono::steady_clock::now() - start_;
-    sum_ms_ += elapsed.count();
-  }
-  StageTimer(const StageTimer&) = delete;
-  StageTimer& operator=(const StageTimer&) = delete;
-
- private:
-  double& sum_ms_;
-  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
-};
 
 std::string ReasonOf(const LocalizedQuery& localized, double min_confidence) {
   std::string reason = ReasonNotLocalized(localized.estimate, min_confidence);
@@ -193,15 +176,14 @@ QueryResult Localizer::Begin(const Query& query, const MakeMatches& make_matches
   localized.name = problem.name = query.name;
   problem.query_camera = query.camera;
   problem.priors = query.priors;
-  {
-    const StageTimer timer(localized.times.match_ms);
-    QueryMatches matches = make_matches();
-    problem.references = std::move(matches.references);
-    problem.matches_2d2d = std::move(matches.matches);
-    if (scene_->covisibility != nullptr) {
-      problem.reference_clusters = scene_->covisibility->Clusters(problem.references);
-    }
+  const LapClock clock;
+  QueryMatches matches = make_matches();
+  problem.references = std::move(matches.references);
+  problem.matches_2d2d = std::move(matches.matches);
+  if (scene_->covisibility != nullptr) {
+    problem.reference_clusters = scene_->covisibility->Clusters(problem.references);
   }
+  localized.times.match_ms += 1e3 * clock.Seconds();
   localized.counts.retrieved = problem.references.size();
   localized.counts.matched = problem.matches_2d2d.size();
   return result;
@@ -232,7 +214,7 @@ QueryResult Localizer::Match(const Query& query, QueryMatches matches) const {
 void Localizer::Lift(QueryResult& result) const {
   PoseProblem& problem = result.problem;
   StageCounts& counts = result.localized.counts;
-  const StageTimer timer(result.localized.times.lift_ms);
+  const LapClock clock;
   if (options_.candidates.mode == CandidateMode::kTriangulate) {
     problem.matches_2d3d =
         TriangulateMatches(problem.references, problem.matches_2d2d, options_.candidates);
@@ -244,13 +226,14 @@ void Localizer::Lift(QueryResult& result) const {
     counts.points_of_source = lifted.counts.points_of_source;
   }
   counts.points = problem.matches_2d3d.size();
+  result.localized.times.lift_ms += 1e3 * clock.Seconds();
 }
 
 // The filter judges each candidate by itself, so that bad ones do not come into the merged point.
 void Localizer::Filter(QueryResult& result) const {
   PoseProblem& problem = result.problem;
   StageCounts& counts = result.localized.counts;
-  const StageTimer timer(result.localized.times.filter_ms);
+  const LapClock clock;
   const FilterResult filtered = FilterProblem(options_.filter, problem);
   counts.filter = filtered.counts;
   counts.noise = filtered.noise;
@@ -259,6 +242,7 @@ void Localizer::Filter(QueryResult& result) const {
                                            problem.matches_2d3d, options_.candidates);
   }
   counts.points = problem.matches_2d3d.size();
+  result.localized.times.filter_ms += 1e3 * clock.Seconds();
 }
 
 PoseEstimate Localizer::EstimateProblem(PoseProblem& problem) const {
@@ -278,15 +262,16 @@ PoseEstimate Localizer::EstimateProblem(PoseProblem& problem) const {
 
 void Localizer::Estimate(QueryResult& result) const {
   LocalizedQuery& localized = result.localized;
-  const StageTimer timer(localized.times.estimate_ms);
+  const LapClock clock;
   localized.TakeEstimate(EstimateProblem(result.problem));
   localized.reason = ReasonOf(localized, options_.min_confidence);
+  localized.times.estimate_ms += 1e3 * clock.Seconds();
 }
 
 void Localizer::EstimateRig(std::span<QueryResult> photographs,
                             std::span<const Rigid3> cam_from_rig) const {
   QueryResult& first = photographs.front();
-  const StageTimer timer(first.localized.times.estimate_ms);
+  const LapClock clock;
   std::vector<const PoseProblem*> problems;
   for (const QueryResult& photograph : photographs) problems.push_back(&photograph.problem);
   PoseProblem joined = JoinProblems(problems, cam_from_rig);
@@ -306,6 +291,7 @@ void Localizer::EstimateRig(std::span<QueryResult> photographs,
     localized.reason = ReasonNotLocalized(localized.estimate, options_.min_confidence);
   }
   first.rig_problem = std::move(joined);
+  first.localized.times.estimate_ms += 1e3 * clock.Seconds();
 }
 
 bool Localizer::LiftsAlike(const Localizer& other) const {

@@ -1,12 +1,12 @@
 #include "localization/rerender.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <numeric>
 #include <utility>
 
 #include "base/constants.h"
+#include "base/lap_clock.h"
 #include "base/statistics.h"
 #include "localization/patch_alignment.h"
 #include <fmt/format.h>
@@ -291,7 +291,7 @@ void Rerenderer::Improve(const Query& query, const Image& photograph,
   result.localized.rerender_rounds = 0;
   if (!result.localized.localized()) return;
   RequireSize(photograph, query.camera, query.name);
-  const auto start = std::chrono::steady_clock::now();
+  const LapClock clock;
   const Rounds rounds(query, ToGray(photograph), source_, renderer_, options_);
   const PoseProblem base = result.problem;
   LocalizedQuery& localized = result.localized;
@@ -306,9 +306,7 @@ void Rerenderer::Improve(const Query& query, const Image& photograph,
     localized.counts.points = result.problem.matches_2d3d.size();
     localized.rerender_rounds = round;
   }
-  const std::chrono::duration<double, std::milli> elapsed =
-      std::chrono::steady_clock::now() - start;
-  localized.times.rerender_ms = elapsed.count();
+  localized.times.rerender_ms = 1e3 * clock.Seconds();
 }
 
 }  // namespace raylift

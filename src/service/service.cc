@@ -7,6 +7,7 @@
 #include <span>
 
 #include "base/json_text.h"
+#include "base/lap_clock.h"
 #include "localization/results/result_json.h"
 #include "service/documents.h"
 #include "service/geopose.h"
@@ -139,10 +140,9 @@ std::optional<std::string> SceneNameOf(const HttpRequest& request) {
 
 template <typename Read>
 auto ReadTimed(Metrics& metrics, const Read& read) {
-  const auto begin = AnswerWatch::Clock::now();
+  const LapClock clock;
   auto request = read();
-  const std::chrono::duration<double> reading = AnswerWatch::Clock::now() - begin;
-  metrics.ObserveStage("read", reading.count());
+  metrics.ObserveStage("read", clock.Seconds());
   return request;
 }
 

@@ -1,9 +1,9 @@
 #include "views/mesh_scene.h"
 
-#include <chrono>
 #include <optional>
 #include <utility>
 
+#include "base/lap_clock.h"
 #include "lifting/mesh_spec.h"
 #include "views/surface_labels.h"
 #include <fmt/format.h>
@@ -13,8 +13,6 @@
 
 namespace raylift {
 namespace {
-
-using Clock = std::chrono::steady_clock;
 
 using BuildQuality = RayCasterOptions::BuildQuality;
 
@@ -53,15 +51,13 @@ size_t BytesOf(const TriangleMesh& mesh) {
   return bytes;
 }
 
-double Seconds(Clock::duration duration) { return std::chrono::duration<double>(duration).count(); }
-
 // One that is not of triangles, as `open` makes it.
 template <typename Spec, typename Open>
 MeshScene LoadAlone(const Spec& spec, const std::function<void(const std::string&)>& on_step,
                     const Open& open) {
   RayCasterOptions build;
   build.build_quality = spec.build.value_or(BuildQuality::kMedium);
-  const auto start = Clock::now();
+  LapClock clock;
   on_step("reading and placing points: " + spec.files);
   MeshScene scene;
   scene.caster = open(spec, build);
@@ -72,7 +68,7 @@ MeshScene LoadAlone(const Spec& spec, const std::function<void(const std::string
   if (const Surfels* surfels = scene.caster->surfels()) take(*surfels);
   if (const Splats* splats = scene.caster->splats()) take(*splats);
   scene.tree_bytes = scene.caster->MemoryBytes();
-  scene.read_s = Seconds(Clock::now() - start);
+  scene.read_s = clock.Lap();
   return scene;
 }
 
@@ -114,7 +110,7 @@ MeshScene LoadMeshScene(const std::vector<std::string>& specs, const MeshSceneOp
   if (files.size() > 1) {
     for (const auto& [file, part] : files) RequireWorld(file, part->tiles);
   }
-  const auto start = Clock::now();
+  LapClock clock;
   std::vector<TriangleMesh> meshes;
   for (const auto& [file, part] : files) {
     on_step(
@@ -126,7 +122,7 @@ MeshScene LoadMeshScene(const std::vector<std::string>& specs, const MeshSceneOp
   for (std::string& warning : AssignSemantics(rules, *mesh)) {
     mesh->warnings.push_back(std::move(warning));
   }
-  const auto read = Clock::now();
+  const double read_s = clock.Lap();
   build.on_build_progress = [&on_step](double share) {
     on_step(fmt::format("building the acceleration structure: {:.0f} %", 100 * share));
   };
@@ -135,8 +131,8 @@ MeshScene LoadMeshScene(const std::vector<std::string>& specs, const MeshSceneOp
   scene.mesh_bytes = BytesOf(*mesh);
   scene.caster = std::make_shared<const RayCaster>(std::move(mesh), build);
   scene.tree_bytes = scene.caster->MemoryBytes();
-  scene.read_s = Seconds(read - start);
-  scene.build_s = Seconds(Clock::now() - read);
+  scene.read_s = read_s;
+  scene.build_s = clock.Lap();
   return scene;
 }
 

@@ -9,6 +9,7 @@
 #include <set>
 
 #include "base/json_members.h"
+#include "base/lap_clock.h"
 #include "jobs/file_promises.h"
 #include "jobs/manifest_file.h"
 #include "renderers/view_frame.h"
@@ -59,12 +60,6 @@ ManifestEntries ReadManifest(const path& file) {
 }
 
 namespace {
-
-using Clock = std::chrono::steady_clock;
-
-double SecondsSince(Clock::time_point start) {
-  return std::chrono::duration<double>(Clock::now() - start).count();
-}
 
 // The range of the depths that are not 0. In lanes, which compilers turn into vector instructions.
 std::optional<std::pair<float, float>> DepthRange(const std::vector<float>& depth) {
@@ -304,7 +299,7 @@ class RenderJob {
             .dropped = totals.dropped,
             .bytes = totals.bytes,
             .rays = rays_,
-            .seconds = SecondsSince(start_),
+            .seconds = clock_.Seconds(),
             .entries = std::move(done)};
   }
 
@@ -337,11 +332,11 @@ class RenderJob {
 
   void RenderOne(size_t index, int frame_threads) {
     const RenderTask& task = tasks_[index];
-    const auto start = Clock::now();
+    LapClock clock;
     std::unique_ptr<Frame> frame = frames_.Take();
     renderer_.Render(*tables_.Get(task.view.camera), task.view.cam_from_world, frame_threads,
                      *frame);
-    const double render_s = SecondsSince(start);
+    const double render_s = clock.Lap();
     ManifestEntry entry{.name = task.view.name,
                         .place = index,
                         .key = job_.key(index),
@@ -364,7 +359,7 @@ class RenderJob {
     rays_ += rays;
     ++rendered_;
     if (hooks_.on_image) {
-      hooks_.on_image({entry, render_s, SecondsSince(start) - render_s, rays});
+      hooks_.on_image({entry, render_s, clock.Seconds(), rays});
     }
   }
 
@@ -398,16 +393,15 @@ class RenderJob {
     WriteFile(options_.out / "summary.json",
               SummaryJson(header_, all, WarningsOf(all, tasks_, *scene_)));
     if (!options_.command.empty()) {
-      WriteFile(
-          options_.out / "timing.jsonl",
-          TimingJson({options_.command, wall_start_, SecondsSince(start_), rendered_, kept_}));
+      WriteFile(options_.out / "timing.jsonl",
+                TimingJson({options_.command, wall_start_, clock_.Seconds(), rendered_, kept_}));
     }
     job_.Finish(*whole, results.paths());
     return true;
   }
 
   std::vector<std::string> of_machines_, of_cameras_;
-  const Clock::time_point start_ = Clock::now();
+  const LapClock clock_;
   const std::chrono::system_clock::time_point wall_start_ = std::chrono::system_clock::now();
   const RenderJobOptions& options_;
   const RenderHooks& hooks_;
