@@ -354,9 +354,9 @@ class RenderRun {
       summary = RunRenderJob(scene_.caster, tasks_, options_, hooks);
     }
     if (!flags_.run.quiet && !flags_.log_json) Print(summary, total);
-    if (summary.dropped > 0) {
+    if (summary.totals.dropped > 0) {
       PrintWarning(fmt::format("{} values are stored as \"none\", as their format cannot hold them",
-                               summary.dropped));
+                               summary.totals.dropped));
     }
     PrintWarnings(summary.warnings);
     if (!summary.foreign_files.empty()) {
@@ -414,11 +414,12 @@ class RenderRun {
                static_cast<double>(summary.rendered) / seconds,
                static_cast<double>(summary.rays) / kMega / seconds);
     fmt::print("coverage: {:.1f} % of the pixels; depth {}; {:.1f} MB in {}\n",
-               100 * summary.coverage,
-               summary.depth_range ? fmt::format("{:.4g} to {:.4g}", summary.depth_range->first,
-                                                 summary.depth_range->second)
-                                   : "none",
-               static_cast<double>(summary.bytes) / kMega, options_.out.string());
+               100 * summary.totals.Coverage(),
+               summary.totals.depth_range
+                   ? fmt::format("{:.4g} to {:.4g}", summary.totals.depth_range->first,
+                                 summary.totals.depth_range->second)
+                   : "none",
+               static_cast<double>(summary.totals.bytes) / kMega, options_.out.string());
   }
 
   // Images of another size need cameras of their own.
@@ -447,7 +448,7 @@ class RenderRun {
                   {.title = "Raylift: " + options_.out.string(),
                    .subtitle = fmt::format("{} of {} images; {}; {:.1f} % of the pixels covered",
                                            images.size(), tasks_.size(), DescribeScene(),
-                                           100 * summary.coverage),
+                                           100 * summary.totals.Coverage()),
                    .scene = scene_.caster,
                    .colors = options_.frame.color_options,
                    .images = images,

@@ -40,15 +40,6 @@ std::vector<std::string> TaskFiles(const RenderTask& task, std::span<const Produ
 // Removes what a killed run has left of these files: half-written ones under temporary names.
 void RemoveLeftovers(const std::filesystem::path& out, std::span<const std::string> files);
 
-// The sums over a job's images.
-struct JobTotals {
-  size_t pixels = 0, hits = 0, dropped = 0, bytes = 0;
-  std::optional<std::pair<float, float>> depth_range = std::nullopt;
-
-  double Coverage() const {
-    return pixels == 0 ? 0 : static_cast<double>(hits) / static_cast<double>(pixels);
-  }
-};
 JobTotals TotalsOf(const ManifestEntries& entries);
 
 // The run that has completed a job.

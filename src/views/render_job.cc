@@ -283,7 +283,6 @@ class RenderJob {
     const bool all_done = RenderAll(missing);
     const bool complete = all_done && Finish();
     ManifestEntries done = EntriesOf(job_.manifest());
-    const JobTotals totals = TotalsOf(done);
     std::vector<std::string> warnings = WarningsOf(done, tasks_, *scene_);
     warnings.insert(warnings.end(), of_machines_.begin(), of_machines_.end());
     warnings.insert(warnings.end(), of_cameras_.begin(), of_cameras_.end());
@@ -294,10 +293,7 @@ class RenderJob {
             .complete = complete,
             .foreign_files = std::move(foreign_files),
             .warnings = std::move(warnings),
-            .coverage = totals.Coverage(),
-            .depth_range = totals.depth_range,
-            .dropped = totals.dropped,
-            .bytes = totals.bytes,
+            .totals = TotalsOf(done),
             .rays = rays_,
             .seconds = clock_.Seconds(),
             .entries = std::move(done)};

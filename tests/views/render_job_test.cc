@@ -84,9 +84,9 @@ TEST_F(RenderJob, WritesEveryProductOfEveryImage) {
   EXPECT_EQ(summary.images, kNumImages);
   EXPECT_EQ(summary.rendered, kNumImages);
   EXPECT_TRUE(summary.complete);
-  EXPECT_EQ(summary.coverage, 1);
-  ASSERT_TRUE(summary.depth_range);
-  EXPECT_LT(summary.depth_range->second, 3.3f);
+  EXPECT_EQ(summary.totals.Coverage(), 1);
+  ASSERT_TRUE(summary.totals.depth_range);
+  EXPECT_LT(summary.totals.depth_range->second, 3.3f);
   const auto contents = Contents(out_);
   EXPECT_EQ(contents.size(), 3 * kNumImages + 4);
   for (const std::string file :

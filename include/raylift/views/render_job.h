@@ -193,6 +193,17 @@ struct RenderHooks {
   const std::atomic<bool>* stop = nullptr;
 };
 
+// The sums over a job's images.
+struct JobTotals {
+  size_t pixels = 0, hits = 0, dropped = 0, bytes = 0;
+  std::optional<std::pair<float, float>> depth_range = std::nullopt;
+
+  // Returns the share of the pixels that see the mesh.
+  double Coverage() const {
+    return pixels == 0 ? 0 : static_cast<double>(hits) / static_cast<double>(pixels);
+  }
+};
+
 struct RenderSummary {
   size_t images = 0;  // that are complete, of this shard
   size_t rendered = 0;
@@ -202,11 +213,8 @@ struct RenderSummary {
   // Files of a former run that stay in the folder although this one has nothing to do with them.
   std::vector<std::string> foreign_files = {};
   std::vector<std::string> warnings = {};  // of what there is to see: that it is nothing
-  double coverage = 0;                     // share of the pixels that see the mesh
-  std::optional<std::pair<float, float>> depth_range = std::nullopt;
-  size_t dropped = 0;
-  size_t bytes = 0;  // of all files
-  size_t rays = 0;   // of the images that were rendered
+  JobTotals totals = {};
+  size_t rays = 0;  // of the images that were rendered
   double seconds = 0;
   ManifestEntries entries = {};  // of the images that are complete, of this shard
 };
