@@ -96,4 +96,15 @@ std::vector<Eigen::Vector2d> GridPixels(const Camera& camera, int count) {
   return pixels;
 }
 
+std::vector<Eigen::Vector2d> PixelGrid(const Camera& camera, int columns, int rows) {
+  std::vector<Eigen::Vector2d> pixels;
+  for (int row = 0; row < rows; ++row) {
+    for (int column = 0; column < columns; ++column) {
+      pixels.emplace_back((column + 0.5) * camera.width_px() / columns,
+                          (row + 0.5) * camera.height_px() / rows);
+    }
+  }
+  return pixels;
+}
+
 }  // namespace raylift

@@ -25,4 +25,7 @@ PosedImage ShrunkTo(const PosedImage& image, int max_side_px);
 // Returns the pixel centers of a grid of about `count` cells over an image.
 std::vector<Eigen::Vector2d> GridPixels(const Camera& camera, int count);
 
+// Returns the middles of the cells of so many columns and rows, row by row.
+std::vector<Eigen::Vector2d> PixelGrid(const Camera& camera, int columns, int rows);
+
 }  // namespace raylift

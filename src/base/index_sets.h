@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <map>
 #include <numeric>
+#include <utility>
 #include <vector>
 
 namespace raylift {
@@ -15,6 +16,15 @@ inline std::vector<size_t> EvenlySpaced(size_t count, size_t most) {
   std::vector<size_t> chosen(std::min(count, most));
   for (size_t i = 0; i < chosen.size(); ++i) chosen[i] = i * count / chosen.size();
   return chosen;
+}
+
+// Returns the indices of at most `most` of these pairs of a distance and an index, by distance.
+inline std::vector<size_t> Nearest(std::vector<std::pair<double, size_t>> pairs, size_t most) {
+  std::vector<size_t> nearest(std::min(most, pairs.size()));
+  std::partial_sort(pairs.begin(), pairs.begin() + static_cast<std::ptrdiff_t>(nearest.size()),
+                    pairs.end());
+  for (size_t i = 0; i < nearest.size(); ++i) nearest[i] = pairs[i].second;
+  return nearest;
 }
 
 // Disjoint sets of indices that are joined one link at a time (union-find).

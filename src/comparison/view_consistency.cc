@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
+#include "base/index_sets.h"
 #include "base/statistics.h"
 #include "lifting/source_view.h"
 
@@ -39,12 +41,7 @@ std::vector<size_t> NearestImages(std::span<const PosedImage> images, size_t ima
     if (i == image) continue;
     others.emplace_back((images[i].cam_from_world.OriginInSource() - center).squaredNorm(), i);
   }
-  const size_t count = std::min(kCandidates, others.size());
-  std::partial_sort(others.begin(), others.begin() + static_cast<std::ptrdiff_t>(count),
-                    others.end());
-  std::vector<size_t> nearest;
-  for (size_t i = 0; i < count; ++i) nearest.push_back(others[i].second);
-  return nearest;
+  return Nearest(std::move(others), kCandidates);
 }
 
 // rho of every point that falls on depth in the other image.

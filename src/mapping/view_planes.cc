@@ -127,12 +127,7 @@ std::vector<size_t> NearestViews(std::span<const PosedImage> views, size_t to) {
     if (i == to) continue;
     others.emplace_back((views[i].cam_from_world.OriginInSource() - center).norm(), i);
   }
-  const size_t count = std::min(kNeighbors, others.size());
-  std::partial_sort(others.begin(), others.begin() + static_cast<std::ptrdiff_t>(count),
-                    others.end());
-  std::vector<size_t> nearest;
-  for (size_t i = 0; i < count; ++i) nearest.push_back(others[i].second);
-  return nearest;
+  return Nearest(std::move(others), kNeighbors);
 }
 
 // Values of a view's sampled pixels.

@@ -1,10 +1,11 @@
-#include <algorithm>
 #include <memory>
 #include <span>
 #include <utility>
 #include <vector>
 
+#include "base/index_sets.h"
 #include "base/statistics.h"
+#include "lifting/source_view.h"
 
 #include "raylift/base/error.h"
 #include "raylift/base/parallel.h"
@@ -18,17 +19,6 @@ using Eigen::Vector3d;
 
 constexpr int kColumns = 8, kRows = 6;  // of pixels that are looked through
 constexpr size_t kNearest = 20;         // references
-
-std::vector<Vector2d> GridOf(const Camera& camera) {
-  std::vector<Vector2d> pixels;
-  for (int row = 0; row < kRows; ++row) {
-    for (int column = 0; column < kColumns; ++column) {
-      pixels.emplace_back((column + 0.5) * camera.width_px() / kColumns,
-                          (row + 0.5) * camera.height_px() / kRows);
-    }
-  }
-  return pixels;
-}
 
 // None where its geometry cannot be read: localization tells that where it needs it.
 std::vector<Vector3d> PointsIn(const GeometrySource& source, const PosedImage& reference,
@@ -51,7 +41,7 @@ SceneDistances::SceneDistances(const Scene& scene, int threads)
   ParallelFor(seen_.size(), threads, [&](size_t i) {
     const PosedImage& reference = scene.references.images[i];
     seen_[i].center = reference.cam_from_world.OriginInSource();
-    const std::vector<Vector2d> pixels = GridOf(reference.camera);
+    const std::vector<Vector2d> pixels = PixelGrid(reference.camera, kColumns, kRows);
     for (const auto& source : sources) {
       seen_[i].points = PointsIn(*source, reference, pixels);
       if (!seen_[i].points.empty()) break;
@@ -62,16 +52,13 @@ SceneDistances::SceneDistances(const Scene& scene, int threads)
 
 std::optional<double> SceneDistances::At(const Camera& camera, const Rigid3& cam_from_world) const {
   const Vector3d center = cam_from_world.OriginInSource();
-  std::vector<std::pair<double, size_t>> nearest;
+  std::vector<std::pair<double, size_t>> others;
   for (size_t i = 0; i < seen_.size(); ++i) {
-    nearest.emplace_back((seen_[i].center - center).squaredNorm(), i);
+    others.emplace_back((seen_[i].center - center).squaredNorm(), i);
   }
-  const size_t count = std::min(kNearest, nearest.size());
-  std::partial_sort(nearest.begin(), nearest.begin() + static_cast<std::ptrdiff_t>(count),
-                    nearest.end());
   std::vector<double> distances;
-  for (size_t k = 0; k < count; ++k) {
-    for (const Vector3d& point : seen_[nearest[k].second].points) {
+  for (const size_t near : Nearest(std::move(others), kNearest)) {
+    for (const Vector3d& point : seen_[near].points) {
       const auto pixel = camera.ImgFromCam(cam_from_world * point);
       if (pixel && camera.Contains(*pixel)) distances.push_back((point - center).norm());
     }

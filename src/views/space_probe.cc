@@ -8,6 +8,7 @@
 
 #include "base/index_sets.h"
 #include "base/statistics.h"
+#include "lifting/source_view.h"
 #include <Eigen/Geometry>
 
 #include "raylift/base/parallel.h"
@@ -175,11 +176,7 @@ VisibleSurface MeasureView(const RayCaster& mesh, const Camera& camera,
                            const Rigid3& cam_from_world) {
   const Eigen::Vector3d center = cam_from_world.OriginInSource();
   std::vector<Ray> rays;
-  for (int i = 0; i < kGridColumns * kGridRows; ++i) {
-    const int column = i % kGridColumns;
-    const int row = i / kGridColumns;
-    const Eigen::Vector2d pixel((column + 0.5) * camera.width_px() / kGridColumns,
-                                (row + 0.5) * camera.height_px() / kGridRows);
+  for (const Eigen::Vector2d& pixel : PixelGrid(camera, kGridColumns, kGridRows)) {
     const auto ray = camera.RayInCam(pixel);
     if (ray) rays.push_back({center, cam_from_world.rotation.conjugate() * *ray});
   }

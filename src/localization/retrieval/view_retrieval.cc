@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "lifting/source_view.h"
 #include "localization/retrieval/retrieval.h"
 
 #include "raylift/base/parallel.h"
@@ -48,14 +49,10 @@ std::vector<Eye> EyesOf(std::span<const PosedImage> images) {
 
 // Unit directions of the grid's pixels; those without a ray are left out.
 std::vector<Eigen::Vector3d> RaysInWorld(const Eye& eye) {
-  const Camera& camera = eye.image->camera;
   std::vector<Eigen::Vector3d> rays;
-  for (int row = 0; row < kGridRows; ++row) {
-    for (int column = 0; column < kGridColumns; ++column) {
-      const Eigen::Vector2d pixel((column + 0.5) * camera.width_px() / kGridColumns,
-                                  (row + 0.5) * camera.height_px() / kGridRows);
-      if (const auto ray = camera.RayInCam(pixel)) rays.push_back(eye.rotation.transpose() * *ray);
-    }
+  for (const Eigen::Vector2d& pixel : PixelGrid(eye.image->camera, kGridColumns, kGridRows)) {
+    const auto ray = eye.image->camera.RayInCam(pixel);
+    if (ray) rays.push_back(eye.rotation.transpose() * *ray);
   }
   return rays;
 }
