@@ -1,7 +1,7 @@
 // Sharpens a pose against a mesh or splats: they are rendered as the query saw them from the
 // estimated pose, and from a few poses around that; the query is matched with these pictures, which
 // differ less in viewpoint than any reference, and its pose is estimated anew. From there one more
-// picture is rendered, whose patches are found in the photograph (patch_alignment.h), and the pose
+// picture is rendered, whose patches are found in the photograph (AlignPatches), and the pose
 // is estimated with these, too. The new pose is kept only where the matches support it better.
 
 #pragma once
@@ -11,11 +11,15 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <vector>
+
+#include <Eigen/Core>
 
 #include "raylift/lifting/mesh_source.h"
 #include "raylift/localization/localizer.h"
 #include "raylift/renderers/frame_renderer.h"
 #include "raylift/renderers/ray_caster.h"
+#include "raylift/scene/image.h"
 
 namespace raylift {
 
@@ -44,6 +48,21 @@ struct RerenderOptions {
 // keypoint with many matches counts once.
 double KeypointSupport(const Camera& camera, const Rigid3& cam_from_world,
                        std::span<const Match2D3D> matches, double threshold_px);
+
+// Finds pieces of a rendering in a photograph that was taken from nearly the same pose. Where a
+// mesh is coarse, a descriptor has few keypoints that are where the photograph's are; a piece of
+// the rendering has all that both show, and its place is known to a fraction of a pixel.
+struct PatchMatch {
+  Eigen::Vector2d rendering_px;
+  Eigen::Vector2d photograph_px;
+};
+
+// Returns the rendering's corners, the best first, whose patch is a peak of normalized
+// cross-correlation in the photograph. Both are gray, and the photograph is shrunk to the
+// rendering's size where it is larger; `mask` is 0 where the rendering shows nothing, and no patch
+// holds such a pixel.
+std::vector<PatchMatch> AlignPatches(const Image& photograph, const Image& rendering,
+                                     const Image& mask);
 
 class Rerenderer {
  public:

@@ -1,5 +1,3 @@
-#include "sequences/odometry_axes.h"
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -8,6 +6,7 @@
 
 #include "base/statistics.h"
 #include "geometry/signed_permutations.h"
+#include "sequences/odometry.h"
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 

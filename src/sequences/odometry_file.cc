@@ -1,14 +1,11 @@
-#include "sequences/odometry_file.h"
-
 #include <algorithm>
-#include <optional>
-#include <span>
 #include <string_view>
 #include <utility>
 
 #include "datasets/importers.h"
 #include "io/text/json_document.h"
 #include "io/text/line_tokens.h"
+#include "sequences/odometry.h"
 #include <Eigen/Core>
 #include <fmt/format.h>
 

@@ -17,7 +17,7 @@
 #include "localization/results/result_json.h"
 #include "sequences/chain.h"
 #include "sequences/judgment.h"
-#include "sequences/odometry_axes.h"
+#include "sequences/odometry.h"
 #include "sequences/walked_query.h"
 #include <Eigen/Cholesky>
 #include <fmt/format.h>

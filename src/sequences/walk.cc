@@ -11,7 +11,7 @@
 #include "base/statistics.h"
 #include "io/scene/trajectory_file.h"
 #include "io/text/line_tokens.h"
-#include "sequences/odometry_file.h"
+#include "sequences/odometry.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"

@@ -1,7 +1,6 @@
-#include "localization/patch_alignment.h"
-
 #include <cmath>
 
+#include "localization/rerender.h"
 #include <gtest/gtest.h>
 
 namespace raylift {

@@ -7,7 +7,7 @@
 #include "base/statistics.h"
 #include "sequences/anchors.h"
 #include "sequences/made_walk.h"
-#include "sequences/odometry_axes.h"
+#include "sequences/odometry.h"
 #include "support/matchers.h"
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
