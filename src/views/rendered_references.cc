@@ -67,11 +67,6 @@ void RenameImages(ColmapModel& model) {
   for (auto& [id, image] : model.images) image.name = "rendered/" + image.name;
 }
 
-ColmapPose ToColmap(const Rigid3& pose) {
-  const Eigen::Quaterniond& q = pose.rotation;
-  return {{q.w(), q.x(), q.y(), q.z()}, pose.translation};
-}
-
 // The k-th of `count` cameras, turned to the right.
 Rigid3 CamFromRig(int k, int count) {
   const double angle = 2 * std::numbers::pi * k / count;
@@ -86,7 +81,7 @@ ColmapRig MakeRig(int rig_cameras) {
   ColmapRig rig;
   rig.reference_sensor = CameraSensor(0);
   for (int k = 1; k < rig_cameras; ++k) {
-    rig.sensors.emplace_back(CameraSensor(k), ToColmap(CamFromRig(k, rig_cameras)));
+    rig.sensors.emplace_back(CameraSensor(k), ColmapPose::Of(CamFromRig(k, rig_cameras)));
   }
   return rig;
 }
@@ -140,11 +135,10 @@ Camera CameraLikeQueries(std::span<const Camera> queries, const std::optional<Pl
 }
 
 ColorOptions ColorsLikePhotographs(const RayCaster& scene) {
-  ColorOptions colors;
+  ColorOptions colors = PictureColors(scene);
   // Splats are smooth, and each of their rays is dear.
   colors.samples_per_pixel_side = scene.kind() == SurfaceKind::kSplats ? 1 : 2;
   colors.background_rgb = {128, 128, 128};
-  if (!scene.HasColors()) colors.shading = ColorOptions::Shading::kHeadlight;
   return colors;
 }
 
@@ -198,7 +192,7 @@ ColmapModel MakeSampledModel(const Camera& camera, std::span<const Rigid3> cam_f
   if (has_rig) model.rigs.emplace(1, MakeRig(rig_cameras));
   uint32_t image_id = 0;
   for (size_t i = 0; i < cam_from_world.size(); ++i) {
-    ColmapFrame frame{.rig_id = 1, .rig_from_world = ToColmap(cam_from_world[i]), .data = {}};
+    ColmapFrame frame{.rig_id = 1, .rig_from_world = ColmapPose::Of(cam_from_world[i]), .data = {}};
     for (int k = 0; k < rig_cameras; ++k) {
       ColmapImage image;
       image.name = has_rig ? fmt::format("camera{}/{:04}.jpg", k, i) : fmt::format("{:04}.jpg", i);

@@ -181,7 +181,7 @@ TEST(Cmu, ASlicesModelIsUsedWhereItIs) {
   EXPECT_EQ(import().times.size(), 8u);
   EXPECT_EQ(import().folder, "");
   EXPECT_THAT(import().warnings, IsEmpty());
-  model.images[1].tvec.x() += 1;
+  model.images[1].pose.tvec.x() += 1;
   WriteColmapModel(slice / "sparse", model, ColmapForm::kBinary);
   EXPECT_THAT(import().warnings, ElementsAre(HasSubstr("1 of 6 references are elsewhere")));
 }

@@ -62,10 +62,10 @@ TEST_F(ColmapErrors, MissingFilesAreListed) {
 }
 
 TEST_F(ColmapErrors, NotFiniteNumbers) {
-  model_.images[5].tvec.y() = kNan;
+  model_.images[5].pose.tvec.y() = kNan;
   ExpectModelFails({"images.txt: line 5", "tvec", "expected a finite number, found \"nan\""},
                    {"images.bin: image 1 of 3, tvec: expected a finite number, found nan"});
-  model_.images[5].tvec.y() = 0;
+  model_.images[5].pose.tvec.y() = 0;
   model_.points3d[100].position_in_world.x() = std::numeric_limits<double>::infinity();
   ExpectModelFails({"points3D.txt: line 4", "xyz"},
                    {"points3D.bin: point 2 of 3, xyz: expected a finite number, found inf"});
@@ -74,7 +74,7 @@ TEST_F(ColmapErrors, NotFiniteNumbers) {
 }
 
 TEST_F(ColmapErrors, ZeroQuaternions) {
-  model_.images[1].qvec_wxyz.setZero();
+  model_.images[1].pose.qvec_wxyz.setZero();
   ExpectModelFails({"images.txt: line 7: qvec: expected a rotation"},
                    {"images.bin: image 2 of 3, qvec: expected a rotation"});
 }

@@ -10,11 +10,6 @@
 namespace raylift {
 namespace {
 
-ColmapPose PoseOf(const Rigid3& pose) {
-  const Eigen::Quaterniond& q = pose.rotation;
-  return {{q.w(), q.x(), q.y(), q.z()}, pose.translation};
-}
-
 // Images 5 and 9 are the two cameras of a rig at one moment, image 1 is alone.
 struct RigScene {
   ColmapModel model;
@@ -27,10 +22,12 @@ RigScene MakeRigScene(Rng& rng) {
   ColmapModel& model = scene.model;
   model.cameras[8] = model.cameras[7];
   model.images[9].camera_id = 8;
-  model.rigs[3] = {ColmapSensor{0, 7}, {{{0, 8}, PoseOf(scene.second_from_rig)}, {{1, 4}, {}}}};
+  model.rigs[3] = {ColmapSensor{0, 7},
+                   {{{0, 8}, ColmapPose::Of(scene.second_from_rig)}, {{1, 4}, {}}}};
   model.rigs[1] = {ColmapSensor{0, 2}, {}};
-  model.frames[6] = {3, PoseOf(scene.rig_from_world), {{{0, 7}, 5}, {{0, 8}, 9}, {{1, 4}, 77}}};
-  model.frames[2] = {1, PoseOf(model.images[1].CamFromWorld()), {{{0, 2}, 1}}};
+  model.frames[6] = {
+      3, ColmapPose::Of(scene.rig_from_world), {{{0, 7}, 5}, {{0, 8}, 9}, {{1, 4}, 77}}};
+  model.frames[2] = {1, ColmapPose::Of(model.images[1].CamFromWorld()), {{{0, 2}, 1}}};
   model.rig_order = {3, 1};
   model.frame_order = {6, 2};
   model.images[5].SetCamFromWorld(scene.rig_from_world);
@@ -75,7 +72,7 @@ open('frames.bin', 'wb').write(struct.pack('<QII', 1, 1, 1) + pose(1, 0, 0, 0, 1
   // Half a turn about x, then the shift: (1, 2, 3) -> (1, -2, -3) -> (11, -2, -3).
   const Rigid3 expected{Eigen::Quaterniond(0, 1, 0, 0), {11, -2, -3}};
   EXPECT_TRUE(IsNearPose(model.images.at(2).CamFromWorld(), expected, 1e-12, 1e-12));
-  EXPECT_EQ(model.images.at(1).tvec, Eigen::Vector3d(1, 2, 3));
+  EXPECT_EQ(model.images.at(1).pose.tvec, Eigen::Vector3d(1, 2, 3));
   ASSERT_EQ(model.warnings.size(), 1u);
   EXPECT_THAT(model.warnings[0], testing::HasSubstr("poses of 1 of 2 images differ"));
   EXPECT_THAT(model.warnings[0], testing::HasSubstr("is 11 (\"b\")"));
@@ -103,7 +100,7 @@ TEST(ColmapFrames, ImagesWithoutFrameKeepTheirPoseWithAWarning) {
   scene.model.frames.erase(2);
   WriteColmapModel(folder, scene.model, ColmapForm::kBinary);
   const ColmapModel model = ReadColmapModel(folder);
-  EXPECT_EQ(model.images.at(1).qvec_wxyz, scene.model.images.at(1).qvec_wxyz);
+  EXPECT_EQ(model.images.at(1).pose.qvec_wxyz, scene.model.images.at(1).pose.qvec_wxyz);
   ASSERT_EQ(model.warnings.size(), 1u);
   EXPECT_THAT(model.warnings[0], testing::HasSubstr("1 of 3 images have no frame"));
 }

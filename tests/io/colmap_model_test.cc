@@ -114,8 +114,8 @@ TEST(ColmapModel, ColmapReadsWhatIsWritten) {
   ColmapModel model = SmallColmapModel(rng);
   for (auto& [id, image] : model.images) {
     image.name = std::to_string(id) + ".jpg";  // COLMAP's text form ends a name at a blank
-    image.qvec_wxyz.normalize();               // COLMAP normalizes on reading
-    image.qvec_wxyz.normalize();
+    image.pose.qvec_wxyz.normalize();          // COLMAP normalizes on reading
+    image.pose.qvec_wxyz.normalize();
   }
   // COLMAP drops links of images to points that do not exist, and counts the other way round.
   for (const uint32_t id : {5u, 9u}) {
@@ -145,8 +145,8 @@ TEST(ColmapModel, ColmapReadsWhatIsWritten) {
     back.image_order.clear();
     back.point3d_order.clear();
     for (const auto& [id, image] : model.images) {  // normalizing may change the last bit
-      EXPECT_TRUE(back.images.at(id).qvec_wxyz.isApprox(image.qvec_wxyz, 1e-15));
-      back.images.at(id).qvec_wxyz = image.qvec_wxyz;
+      EXPECT_TRUE(back.images.at(id).pose.qvec_wxyz.isApprox(image.pose.qvec_wxyz, 1e-15));
+      back.images.at(id).pose.qvec_wxyz = image.pose.qvec_wxyz;
     }
     WriteColmapModel(folder / "back", back, ColmapForm::kBinary);
     ExpectSameFiles(folder / "expected", folder / "back", ".bin");
@@ -183,7 +183,7 @@ TEST(ColmapModel, PosedImagesAreSortedByNameAndNormalized) {
   EXPECT_EQ(posed[2].name, "query/img 9.jpg");
   EXPECT_EQ(posed[0].camera, model.cameras.at(2));
   EXPECT_NEAR(posed[0].cam_from_world.rotation.norm(), 1, 1e-15);
-  EXPECT_EQ(posed[0].cam_from_world.translation, model.images.at(1).tvec);
+  EXPECT_EQ(posed[0].cam_from_world.translation, model.images.at(1).pose.tvec);
 }
 
 TEST(ColmapModel, BinaryWinsWhereBothFormsAre) {

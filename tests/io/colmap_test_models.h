@@ -22,7 +22,7 @@ inline ColmapModel SmallColmapModel(Rng& rng) {
     image.name = "query/img " + std::to_string(id) + ".jpg";
     image.camera_id = id == 1 ? 2 : 7;
     image.SetCamFromWorld(RandomRigid3(rng, 10));
-    image.qvec_wxyz *= rng.Uniform(0.9, 1.1);
+    image.pose.qvec_wxyz *= rng.Uniform(0.9, 1.1);
     model.image_order.push_back(id);
   }
   for (const uint32_t id : {5u, 9u}) {

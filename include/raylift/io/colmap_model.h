@@ -22,6 +22,15 @@
 
 namespace raylift {
 
+struct ColmapPose {
+  // Kept as read, not normalized, so that a model writes back the same bytes.
+  Eigen::Vector4d qvec_wxyz{1, 0, 0, 0};
+  Eigen::Vector3d tvec = Eigen::Vector3d::Zero();
+
+  static ColmapPose Of(const Rigid3& pose);
+  Rigid3 ToRigid3() const;  // with the quaternion normalized
+};
+
 struct ColmapImage {
   struct Point2D {
     Eigen::Vector2d pixel;
@@ -29,13 +38,11 @@ struct ColmapImage {
   };
   std::string name;
   uint32_t camera_id = 0;
-  // Kept as read, not normalized, so that a model writes back the same bytes.
-  Eigen::Vector4d qvec_wxyz{1, 0, 0, 0};
-  Eigen::Vector3d tvec = Eigen::Vector3d::Zero();
+  ColmapPose pose;
   std::vector<Point2D> points2d;
 
-  Rigid3 CamFromWorld() const;  // with the quaternion normalized
-  void SetCamFromWorld(const Rigid3& cam_from_world);
+  Rigid3 CamFromWorld() const { return pose.ToRigid3(); }
+  void SetCamFromWorld(const Rigid3& cam_from_world) { pose = ColmapPose::Of(cam_from_world); }
 };
 
 struct ColmapPoint3D {
@@ -54,11 +61,6 @@ struct ColmapSensor {
   int32_t type = 0;
   uint32_t id = 0;
   auto operator<=>(const ColmapSensor&) const = default;
-};
-
-struct ColmapPose {
-  Eigen::Vector4d qvec_wxyz{1, 0, 0, 0};
-  Eigen::Vector3d tvec = Eigen::Vector3d::Zero();
 };
 
 struct ColmapRig {

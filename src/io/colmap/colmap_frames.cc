@@ -14,11 +14,6 @@ namespace {
 // Poses nearer than this are the same pose, rounded differently.
 constexpr double kSamePose = 1e-6;
 
-Rigid3 ToRigid3(const ColmapPose& pose) {
-  const Eigen::Vector4d& q = pose.qvec_wxyz;
-  return {Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized(), pose.tvec};
-}
-
 double LargestDifference(const Rigid3& a, const Rigid3& b) {
   const Eigen::Vector4d& q = a.rotation.coeffs();
   const Eigen::Vector4d& p = b.rotation.coeffs();  // q and -q are the same rotation
@@ -53,7 +48,7 @@ void PoseImagesOfFrame(const ColmapFrame& frame, ColmapModel* model, Composition
   if (rig == model->rigs.end()) {
     throw InputError(fmt::format("refers to rig {}, which is not in the rigs file", frame.rig_id));
   }
-  const Rigid3 rig_from_world = ToRigid3(frame.rig_from_world);
+  const Rigid3 rig_from_world = frame.rig_from_world.ToRigid3();
   for (const ColmapFrame::Data& data : frame.data) {
     const auto sensor_from_rig = SensorFromRig(rig->second, data.sensor);
     if (data.sensor.type != kCameraSensor || data.data_id > UINT32_MAX || !sensor_from_rig) {
@@ -74,7 +69,7 @@ std::optional<Rigid3> SensorFromRig(const ColmapRig& rig, const ColmapSensor& se
   }
   for (const auto& [other, sensor_from_rig] : rig.sensors) {
     if (other == sensor) {
-      return sensor_from_rig ? std::optional(ToRigid3(*sensor_from_rig)) : std::nullopt;
+      return sensor_from_rig ? std::optional(sensor_from_rig->ToRigid3()) : std::nullopt;
     }
   }
   throw InputError(fmt::format("sensor {} of type {} is not in its rig", sensor.id, sensor.type));

@@ -74,15 +74,14 @@ std::filesystem::path colmap::FilePath(const std::filesystem::path& folder, std:
   return folder / fmt::format("{}.{}", file, form == ColmapForm::kText ? "txt" : "bin");
 }
 
-Rigid3 ColmapImage::CamFromWorld() const {
-  Eigen::Quaterniond rotation(qvec_wxyz[0], qvec_wxyz[1], qvec_wxyz[2], qvec_wxyz[3]);
-  return {rotation.normalized(), tvec};
+ColmapPose ColmapPose::Of(const Rigid3& pose) {
+  const Eigen::Quaterniond& q = pose.rotation;
+  return {{q.w(), q.x(), q.y(), q.z()}, pose.translation};
 }
 
-void ColmapImage::SetCamFromWorld(const Rigid3& cam_from_world) {
-  const Eigen::Quaterniond& q = cam_from_world.rotation;
-  qvec_wxyz = {q.w(), q.x(), q.y(), q.z()};
-  tvec = cam_from_world.translation;
+Rigid3 ColmapPose::ToRigid3() const {
+  const Eigen::Vector4d& q = qvec_wxyz;
+  return {Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized(), tvec};
 }
 
 std::vector<PosedImage> ColmapModel::PosedImages() const {

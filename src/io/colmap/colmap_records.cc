@@ -322,9 +322,14 @@ void Take(Form& form, Camera& camera) {
 }
 
 template <typename Form>
+void Take(Form& form, ColmapPose& pose) {
+  form.Rotation("qvec", pose.qvec_wxyz);
+  form.Vector("tvec", pose.tvec);
+}
+
+template <typename Form>
 void Take(Form& form, ColmapImage& image) {
-  form.Rotation("qvec", image.qvec_wxyz);
-  form.Vector("tvec", image.tvec);
+  Take(form, image.pose);
   form.Number("camera id", image.camera_id);
   form.Name("name", image.name);
   form.NextLine();
@@ -343,12 +348,6 @@ void Take(Form& form, ColmapPoint3D& point) {
     form.Number("track", observation.image_id);
     form.Number("track", observation.point2d_index);
   });
-}
-
-template <typename Form>
-void Take(Form& form, ColmapPose& pose) {
-  form.Rotation("qvec", pose.qvec_wxyz);
-  form.Vector("tvec", pose.tvec);
 }
 
 template <typename Form>
