@@ -419,10 +419,6 @@ Matrix3d LocalFrame::Axes() const {
 
 double LocalFrame::Scale() const { return crs_from_enu.col(1).norm(); }
 
-double LocalFrame::ConvergenceDeg() const {
-  return std::atan2(-crs_from_enu(0, 1), crs_from_enu(1, 1)) * 180 / std::numbers::pi;
-}
-
 LocalFrame LocalFrameAt(const Crs& crs, const Vector3d& point) {
   const Crs::Geographic& geographic = crs.geographic();
   const auto there = geographic.At(point);

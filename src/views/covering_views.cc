@@ -23,7 +23,6 @@ constexpr double kOutermost = 0.02;  // share of the samples, on each side
 constexpr double kMinDistance = 0.12;
 constexpr double kMaxDistance = 0.5;
 constexpr double kMinCoverage = 0.5;      // share of the picture that must see a surface
-constexpr double kMinFrontShare = 0.9;    // the rest may be thin things without a back
 constexpr int kDirections = 1024;         // in which surfaces are looked for, around a camera
 constexpr double kMaxObliqueDeg = 50;     // of the line of sight from the surface's normal
 constexpr double kMaxIncidenceDeg = 70;   // beyond it a surface point does not count as seen

@@ -100,10 +100,8 @@ struct LocalFrame {
 
   // The nearest rotation: of directions.
   Eigen::Matrix3d Axes() const;
-  // Of the map: units per meter along the ground, and the angle from true north to its y axis,
-  // clockwise.
+  // Of the map: units per meter along the ground.
   double Scale() const;
-  double ConvergenceDeg() const;
 };
 LocalFrame LocalFrameAt(const Crs& crs, const Eigen::Vector3d& point);
 
