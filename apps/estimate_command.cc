@@ -181,10 +181,7 @@ class EstimateRun {
       Estimate(missing, [&job](size_t i, const EstimateRow& row) {
         job.Add(i, EstimateLine(i, job.key(i), row));
       });
-      if (const size_t left = job.Missing().size(); left > 0) {
-        throw Interrupted(
-            fmt::format("stopped by a signal with {} problems left; --resume goes on", left));
-      }
+      RequireNoneLeft(job.Missing().size(), "problems");
     }
     const std::optional<TaskManifest> whole = job.Whole();
     if (!folder.shard.IsAll() && !flags_.run.quiet) {

@@ -1,5 +1,6 @@
 #include "apps/job_options.h"
 
+#include "apps/interrupt.h"
 #include "base/hash.h"
 #include "base/json_text.h"
 #include "jobs/fingerprint.h"
@@ -130,6 +131,12 @@ void AddOverwriteOption(CLI::App& command, bool& overwrite) {
   const OptionGroup running(command, "Running");
   running.Flag("--overwrite", overwrite,
                "Begin anew in a folder where a finished run is; else it is refused");
+}
+
+void RequireNoneLeft(size_t left, std::string_view tasks) {
+  if (left == 0) return;
+  throw Interrupted(
+      fmt::format("stopped by a signal with {} {} left; --resume goes on", left, tasks));
 }
 
 void RefuseFinished(const std::filesystem::path& file, bool overwrite) {

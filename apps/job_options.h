@@ -8,6 +8,7 @@
 #include <initializer_list>
 #include <span>
 #include <string>
+#include <string_view>
 
 #include "apps/matching_options.h"
 #include <nlohmann/json.hpp>
@@ -30,6 +31,9 @@ struct JobFlags {
   // The job that these make of a run to `out`.
   JobFolder In(const std::filesystem::path& out) const;
 };
+
+// Throws Interrupted where tasks are left, which `tasks` names.
+void RequireNoneLeft(size_t left, std::string_view tasks);
 
 // Of commands that keep nothing to go on with: whether a finished run may be replaced.
 void AddOverwriteOption(CLI::App& command, bool& overwrite);

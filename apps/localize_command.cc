@@ -95,10 +95,7 @@ ContinuousRecords LocalizeInOrder(const LocalizeFlags& flags, LocalizeAll& local
                                    if (result != nullptr) SyncFiles(output.Show(i, *result));
                                    progress.Advance();
                                  }});
-  if (const size_t left = CountMissing(records); left > 0) {
-    throw Interrupted(
-        fmt::format("stopped by a signal with {} queries left; --resume goes on", left));
-  }
+  RequireNoneLeft(CountMissing(records), "queries");
   WriteQueryDiagnostics(flags.out / "queries.jsonl", records);
   return records;
 }
@@ -290,10 +287,7 @@ class LocalizeRun {
           progress.Advance();
         },
         &SignalGuard::stop());
-    if (const size_t left = job.Missing().size(); left > 0) {
-      throw Interrupted(
-          fmt::format("stopped by a signal with {} queries left; --resume goes on", left));
-    }
+    RequireNoneLeft(job.Missing().size(), "queries");
   }
 
   void Finish(QueryJob& job, size_t done) {

@@ -366,10 +366,7 @@ class RenderRun {
                                summary.foreign_files.size() > 1 ? ", ..." : ""));
     }
     if (!flags_.report.empty()) WriteReport(summary);
-    if (summary.left > 0) {
-      throw Interrupted(
-          fmt::format("stopped by a signal with {} images left; --resume goes on", summary.left));
-    }
+    RequireNoneLeft(summary.left, "images");
   }
 
  private:
