@@ -71,7 +71,7 @@ install(FILES ${PROJECT_BINARY_DIR}/raylift-estimation.pc
 
 # The Debian packages.
 set(CPACK_GENERATOR DEB)
-set(CPACK_PACKAGE_CONTACT "The Raylift authors <maintainers@raylift.invalid>")
+set(CPACK_PACKAGE_CONTACT "Raylift developers <maintainers@raylift.invalid>")
 set(CPACK_COMPONENTS_ALL raylift libraylift-dev)
 set(CPACK_DEB_COMPONENT_INSTALL ON)
 set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
