@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Builds these pages as a site: assets/docs/build.sh RAYLIFT [OUT]   (default: build/docs)
-# Needs the packages mkdocs and doxygen. Open OUT/index.html; no server is needed.
+# Needs the packages mkdocs and doxygen. Makes pictures and a gallery of the demo, which takes two minutes.
+# Open OUT/index.html; no server is needed.
 set -euo pipefail
 raylift=$(realpath "$1")
 cd "$(dirname "$0")/../.."
@@ -11,6 +12,9 @@ trap 'rm -rf "$work"' EXIT
 cp -r assets/docs/mkdocs.yml assets/docs/pages "$work"
 cp assets/localized_query.jpg "$work/pages"
 python3 assets/docs/references.py "$raylift" apps/python/raylift "$work/pages"
+mkdir "$work/demo"
+demo=$PWD/assets/demo script=$PWD/assets/docs/pictures.py
+(cd "$work/demo" && python3 "$script" "$raylift" "$demo" "$work/pages")
 mkdocs build --quiet --strict --clean --config-file "$work/mkdocs.yml" --site-dir "$out"
 
 (

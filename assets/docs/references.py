@@ -33,50 +33,128 @@ def signature(function):
 
 
 def without_modules(text):
-    return re.sub(r"\b(raylift\._\w+|collections\.abc|typing_extensions|numpy\.typing|typing)\.", "", text)
+    modules = r"raylift\._\w+|_core|_types|collections\.abc|typing_extensions|numpy\.typing|typing"
+    return re.sub(rf"\b({modules})\.", "", text)
 
 
-def results_of(package):
-    """The dicts that functions return, with those of their members that they have of others."""
-    members, parts = {}, ["## What functions return as dicts"]
-    for node in ast.parse((package / "_results.py").read_text(encoding="utf-8")).body:
-        if not isinstance(node, ast.ClassDef):
+def in_lines(text, width=100):
+    """A call, one argument a line where it is long."""
+    if len(text) <= width:
+        return text
+    opening = text.index("(")
+    parts, depth, quote = [""], 0, ""
+    for i, letter in enumerate(text[opening + 1:], opening + 1):
+        if letter in "'\"":
+            quote = "" if letter == quote else quote or letter
+        depth += 0 if quote else (letter in "([{") - (letter in ")]}")
+        if depth < 0:
+            return text[:opening + 1] + "\n" + "\n".join(f"    {part.strip()}," for part in parts) + "\n" + text[i:]
+        if letter == "," and depth == 0 and not quote:
+            parts.append("")
+        else:
+            parts[-1] += letter
+    return text
+
+
+def body_of(file):
+    return ast.parse(file.read_text(encoding="utf-8")).body
+
+
+def fields_of(file, title):
+    """The dicts of a file, with those of their members that they have of others."""
+    members, parts = {}, [title]
+    for node in body_of(file):
+        if not isinstance(node, ast.ClassDef) or any("Protocol" in ast.unparse(base) for base in node.bases):
             continue
         members[node.name] = [line for base in node.bases for line in members.get(ast.unparse(base), [])]
-        members[node.name] += [ast.unparse(line) for line in node.body if isinstance(line, ast.AnnAssign)]
+        members[node.name] += [without_modules(ast.unparse(line)) for line in node.body
+                               if isinstance(line, ast.AnnAssign)]
         if not node.name.startswith("_"):
             text = "\n".join(members[node.name])
             parts += [f"### `{node.name}`", ast.get_docstring(node) or "", f"```text\n{text}\n```"]
     return parts
 
 
-def documented(name, function, level):
-    lines = [f"{'#' * level} `{name}`", f"```text\n{name}{signature(function)}\n```"]
+def documented(name, function, level=0):
+    lines = [f"{'#' * level} `{name}`"] if level else []
+    lines.append(f"```text\n{in_lines(name + signature(function))}\n```")
     text = ast.get_docstring(function)
     if text:
         lines.append(text)
     return lines
 
 
-def python_page(package):
-    stubs = ast.parse((package / "_core.pyi").read_text(encoding="utf-8"))
-    own = ast.parse((package / "_estimation.py").read_text(encoding="utf-8"))
-    parts = ["# Python reference", "Made from the stubs; `help(raylift.NAME)` shows the same."]
-    nodes = sorted((node for node in [*stubs.body, *own.body] if isinstance(node, (ast.ClassDef, ast.FunctionDef))
-                    and not node.name.startswith("_")), key=lambda node: node.name.lower())
-    for node in nodes:
-        if isinstance(node, ast.FunctionDef):
-            parts += documented(node.name, node, 2)
+def methods_of(node, bases):
+    """Its own, and those that it has of a class that is not public."""
+    own = [member for member in node.body if isinstance(member, ast.FunctionDef)]
+    names = {member.name for member in own}
+    for base in node.bases:
+        if isinstance(base, ast.Name) and base.id in bases:
+            own = [member for member in methods_of(bases[base.id], bases) if member.name not in names] + own
+    return own
+
+
+def class_parts(prefix, node, bases):
+    name = prefix + node.name
+    members = methods_of(node, bases)
+    parts = [f"## `{name}`", ast.get_docstring(node) or ""]
+    for member in members:
+        if member.name == "__init__":
+            parts += documented(name, member)
+    for member in members:
+        if any(isinstance(d, ast.Name) and d.id == "property" for d in member.decorator_list):
+            kind = without_modules(ast.unparse(member.returns))
+            text = " ".join((ast.get_docstring(member) or "").split())
+            parts.append(f"`{member.name}`: `{kind}`" + (f". {text}" if text else ""))
+        elif not ast.get_docstring(member):
             continue
-        parts += [f"## `{node.name}`", ast.get_docstring(node) or ""]
-        for member in node.body:
-            if not isinstance(member, ast.FunctionDef) or not ast.get_docstring(member):
-                continue
-            if any(isinstance(d, ast.Name) and d.id == "property" for d in member.decorator_list):
-                parts.append(f"`{member.name}`: " + " ".join((ast.get_docstring(member) or "").split()))
-            elif member.name == "__init__" or not member.name.startswith("_"):
-                parts += documented(node.name if member.name == "__init__" else f"{node.name}.{member.name}", member, 3)
-    return "\n\n".join([*parts, *results_of(package)]) + "\n"
+        elif member.name == "__call__":
+            parts += documented(re.sub(r"(?<=[a-z])(?=[A-Z])", "_", node.name).lower(), member, 3)
+        elif not member.name.startswith("_"):
+            parts += documented(f"{name}.{member.name}", member, 3)
+    return parts
+
+
+def module_parts(prefix, body, names=None):
+    """Of what is public, or of these names."""
+    classes = {node.name: node for node in body if isinstance(node, ast.ClassDef)}
+    nodes = [node for node in body if isinstance(node, (ast.ClassDef, ast.FunctionDef))
+             and (not node.name.startswith("_") if names is None else node.name in names)]
+    parts = []
+    for node in sorted(nodes, key=lambda node: node.name.lower()):
+        if isinstance(node, ast.FunctionDef):
+            parts += documented(prefix + node.name, node, 2)
+        else:
+            parts += class_parts(prefix, node, {name: one for name, one in classes.items() if name.startswith("_")})
+    return parts
+
+
+def python_page(package):
+    """What the package says to be public, wherever it is defined, and its modules."""
+    top = body_of(package / "__init__.py")
+    [names] = [ast.literal_eval(node.value) for node in top
+               if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"]
+    files = [package / ("_core.pyi" if node.module == "_core" else f"{node.module}.py")
+             for node in top if isinstance(node, ast.ImportFrom) and node.module]
+    modules = [alias.name for node in top if isinstance(node, ast.ImportFrom) and not node.module
+               for alias in node.names]
+    body = [node for file in dict.fromkeys(files) for node in body_of(file)]
+    defined = {node.name for node in body if isinstance(node, (ast.ClassDef, ast.FunctionDef))}
+    other_names = {target.id for node in body if isinstance(node, ast.Assign) for target in node.targets
+                   if isinstance(target, ast.Name)}
+    missing = set(names) - defined - other_names - set(modules) - {"__version__"}
+    if missing:
+        sys.exit(f"the Python reference lacks {', '.join(sorted(missing))}")
+    parts = ["# Python reference", "Made from the package; `help(raylift.NAME)` shows the same. Modules: "
+             + ", ".join(f"[raylift.{name}](#raylift{name})" for name in modules) + "."]
+    parts += module_parts("", body, set(names))
+    for name in modules:
+        file = package / f"{name}.py"
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        parts += [f"## raylift.{name}", ast.get_docstring(tree) or "", *module_parts(f"{name}.", tree.body)]
+    parts += fields_of(package / "_results.py", "## What functions return as dicts")
+    parts += fields_of(package / "_types.py", "## What functions take as options")
+    return "\n\n".join(parts) + "\n"
 
 
 def main():
