@@ -359,7 +359,7 @@ _GRID_PX = 32
 _FEWEST = 20
 
 
-def _center(shifts: Array, what: str) -> Tuple[float, float]:
+def _center(shifts: Numbers, what: str) -> Tuple[float, float]:
     """Where most of them lie, and its standard deviation."""
     counts, edges = np.histogram(shifts, np.arange(-_FAR_PX - 0.125, _FAR_PX + 0.25, 0.25))
     most = np.convolve(counts, np.ones(3), "same").argmax()
@@ -371,7 +371,7 @@ def _center(shifts: Array, what: str) -> Tuple[float, float]:
     return center, 1.25 * 1.4826 * float(np.median(np.abs(near - center))) / np.sqrt(len(near))
 
 
-def _first_pixel_of_extractor(extractor: ExtractorLike, image: Array, axis: int) -> Tuple[float, float]:
+def _first_pixel_of_extractor(extractor: ExtractorLike, image: Image, axis: int) -> Tuple[float, float]:
     """By the photograph and its mirror image: x of the one and x' of the other are W - 1 + 2 first_pixel."""
     extract = _matching.extractor_of(extractor)
     first, second = (np.asarray(extract(one)["keypoints"], float)
@@ -386,7 +386,7 @@ def _first_pixel_of_extractor(extractor: ExtractorLike, image: Array, axis: int)
     return center / 2, sigma / 2
 
 
-def _first_pixel_of_matcher(matcher: MatcherLike, image: Array, axis: int) -> Tuple[float, float]:
+def _first_pixel_of_matcher(matcher: MatcherLike, image: Image, axis: int) -> Tuple[float, float]:
     """By the photograph and the middle of it with each pixel twice, which has the same size: x of the one, and
     x' of the other, of the same place, are such that x' = 2 (x - W / 4) + 1/2 - first_pixel."""
     top, left = image.shape[0] // 4, image.shape[1] // 4
@@ -396,7 +396,7 @@ def _first_pixel_of_matcher(matcher: MatcherLike, image: Array, axis: int) -> Tu
     return _center(shifts[np.abs(shifts) <= _FAR_PX], "matcher, matches with the enlarged middle of the photograph")
 
 
-def doctor(photograph: Array, *, extractor: Optional[ExtractorLike] = None, matcher: Optional[MatcherLike] = None,
+def doctor(photograph: Image, *, extractor: Optional[ExtractorLike] = None, matcher: Optional[MatcherLike] = None,
            first_pixel: float = 0) -> FirstPixel:
     """Tests where an extractor, or a matcher of photographs, puts the center of the first pixel: by a
     photograph (H, W, 3), uint8, and the same mirrored, or its middle enlarged, whose pixels are known exactly.
