@@ -61,7 +61,7 @@ std::array<DepthCorrection, 2> HeldOutCorrections(const std::vector<DepthObserva
   std::array<std::vector<DepthObservation>, 2> shown;
   for (const DepthObservation& o : seen) shown[1 - HalfOf(o.pixel, camera)].push_back(o);
   const auto fit = [&](const std::vector<DepthObservation>& by) {
-    return FitCorrection(by, camera, log_factor, std::nullopt, {.mode = mode});
+    return FitCorrection(by, camera, log_factor, std::nullopt, mode);
   };
   return {fit(shown[0]), fit(shown[1])};
 }

@@ -274,7 +274,8 @@ def gallery(raylift, demo, out):
     run(raylift, "render", "--model", demo / "model", "--geometry", mesh, "--every", 4, "--scale", 0.5, "--products",
         "depth,normals,color", "--out", "rendered", "--report", out / "render", "--preview", "--quiet")
     run(raylift, "evaluate", "--ground-truth", demo / "ground_truth", "--poses", "demo/poses.txt", "p3p.txt",
-        "--thresholds", "0.05,0.5:0.1,1:0.25,2", "--report", out / "evaluate", "--quiet")
+        "--names", "Adaptive", "P3P", "--thresholds", "0.05,0.5:0.1,1:0.25,2", "--report", out / "evaluate", "--quiet")
+    shutil.rmtree(out / "localize/queries")  # what the page was made of
     shutil.copy("rendered/preview.png", out / "render.png")
     shutil.copy(next(Path("demo/pictures").rglob("*.jpg")), out / "localize.jpg")
     (out / "compare.svg").write_text(first_strip(out / "compare/index.html"), encoding="utf-8")
