@@ -156,7 +156,7 @@ py::object ForNumpy(const ArrayLike& argument, std::string_view name) {
 
 void ThrowNotNumbers(std::string_view name, std::string_view expected, const py::handle& found) {
   PyErr_Clear();
-  throw InputError(fmt::format("{}: expected {}, found {}", name, expected, TypeName(found)));
+  throw WrongType(fmt::format("{}: expected {}, found {}", name, expected, TypeName(found)));
 }
 
 void ThrowShape(std::string_view name, std::string_view expected, const py::array& found) {
@@ -173,7 +173,7 @@ Camera ToCamera(const CameraLike& camera) {
   if (model.is_none()) model = Called(Member(camera, "model_name"));  // PoseLib's
   const py::object params = Member(camera, "params");
   if (model.is_none() || params.is_none()) {
-    throw InputError(
+    throw WrongType(
         fmt::format("camera: expected a raylift.Camera, \"MODEL width height params...\", or "
                     "something with model, width, height and params, found {}",
                     TypeName(camera)));
@@ -221,7 +221,7 @@ PosedImage ToPosedImage(const PosedImageLike& image) {
   py::object pose = Member(image, "cam_from_world");
   if (pose.is_none()) pose = Member(image, "pose");  // PoseLib's
   if (camera.is_none() || pose.is_none()) {
-    throw InputError(
+    throw WrongType(
         fmt::format("reference: expected a raylift.PosedImage, (camera, pose), or something with "
                     "camera and cam_from_world, found {}",
                     TypeName(image)));
@@ -240,14 +240,14 @@ std::vector<PosedImage> ToPosedImages(const std::vector<PosedImageLike>& images)
 
 std::string ToText(const py::handle& text, std::string_view name) {
   if (py::isinstance<py::str>(text)) return text.cast<std::string>();
-  throw InputError(fmt::format("{}: expected a str, found {}", name, TypeName(text)));
+  throw WrongType(fmt::format("{}: expected a str, found {}", name, TypeName(text)));
 }
 
 std::filesystem::path ToPath(const PathLike& path, std::string_view name) {
   const auto text = py::reinterpret_steal<py::object>(PyOS_FSPath(path.ptr()));
   if (text) return text.cast<std::string>();
   PyErr_Clear();
-  throw InputError(
+  throw WrongType(
       fmt::format("{}: expected a path (str or os.PathLike), found {}", name, TypeName(path)));
 }
 
@@ -257,8 +257,8 @@ Image ToImage(const ArrayLike& argument) {
   const auto array = py::array::ensure(internal::ForNumpy(argument, "image"), py::array::c_style);
   if (!array) internal::ThrowNotNumbers("image", kExpected, argument);
   if (!py::isinstance<py::array_t<uint8_t>>(array)) {
-    throw InputError(fmt::format("image: expected {}, found {}", kExpected,
-                                 std::string(py::str(array.dtype()))));
+    throw WrongType(fmt::format("image: expected {}, found {}", kExpected,
+                                std::string(py::str(array.dtype()))));
   }
   const bool gray = array.ndim() == 2;
   if (!gray && !(array.ndim() == 3 && array.shape(2) == 3)) {
@@ -325,11 +325,11 @@ Query ToQuery(const QueryLike& query) {
   if (py::isinstance<Query>(query)) return query.cast<Query>();
   if (!py::isinstance<py::sequence>(query) || py::isinstance<py::str>(query) ||
       py::len(query) != 2) {
-    throw InputError("query: expected a raylift.Query or a pair (name, camera), found a " +
-                     TypeName(query));
+    throw WrongType("query: expected a raylift.Query or a pair (name, camera), found a " +
+                    TypeName(query));
   }
   const py::object name = query[py::int_(0)], camera = query[py::int_(1)];
-  if (camera.is_none()) throw InputError("query, camera: expected a camera, found None");
+  if (camera.is_none()) throw WrongType("query, camera: expected a camera, found None");
   return {ToText(name, "query, name"), ToCamera(py::reinterpret_borrow<CameraLike>(camera))};
 }
 

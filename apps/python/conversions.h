@@ -72,6 +72,12 @@ namespace raylift::python {
 
 namespace py = pybind11;
 
+// An argument of a wrong type: of Python's errors it is an InputError and a TypeError.
+class WrongType : public InputError {
+ public:
+  using InputError::InputError;
+};
+
 // A camera is a Camera, "MODEL width height params...", a mapping with the keys model, width,
 // height and params, or an object with attributes of these names (pycolmap's, PoseLib's).
 Camera ToCamera(const CameraLike& camera);

@@ -402,7 +402,7 @@ NamedGeometry ToGeometry(const GeometryLike& geometry, const GeometryContext& co
     const auto spec = geometry.cast<std::string>();
     return WithoutLock([&] { return MakeGeometrySource(spec, context); });
   }
-  throw InputError(fmt::format(
+  throw WrongType(fmt::format(
       "geometry: expected a Mesh, RayCaster, Geometry or \"KIND:PATH[,key=value...]\", found {}",
       py::cast<std::string>(py::type::handle_of(geometry).attr("__name__"))));
 }

@@ -26,26 +26,34 @@ std::string MessageInKeywords(const OptionError& error) {
   return text + std::string(rest, message.cend());
 }
 
+// They live as long as the interpreter.
+PyObject* wrong_type = nullptr;
+
 void TranslateExceptions(py::module_& module) {
-  // They live as long as the interpreter.
   static PyObject* const input_error =
       py::exception<InputError>(module, "InputError", PyExc_ValueError).release().ptr();
   static PyObject* const option_error =
       py::exception<OptionError>(module, "OptionError", PyExc_ValueError).release().ptr();
+  const py::object both = py::make_tuple(py::handle(input_error), py::handle(PyExc_TypeError));
+  wrong_type = py::exception<WrongType>(module, "InputTypeError", both).release().ptr();
   py::setattr(
       input_error, "__doc__",
       py::str("Bad input: a file, or an argument's value. One line that names it, the place\n"
               "in it, what was expected and what was found."));
+  py::setattr(wrong_type, "__doc__",
+              py::str("An argument of a wrong type, which is a TypeError, too."));
   py::setattr(option_error, "__doc__", py::str("A bad option: \"name = value: constraint\"."));
   py::register_exception_translator([](std::exception_ptr thrown) {
     try {
       if (thrown) std::rethrow_exception(thrown);
+    } catch (const WrongType& error) {
+      PyErr_SetString(wrong_type, error.what());
     } catch (const InputError& error) {
       PyErr_SetString(input_error, error.what());
     } catch (const OptionError& error) {
       PyErr_SetString(option_error, MessageInKeywords(error).c_str());
     } catch (const py::cast_error&) {
-      PyErr_SetString(PyExc_TypeError, "an argument, or what it holds, is of a wrong type");
+      PyErr_SetString(wrong_type, "an argument, or what it holds, is of a wrong type");
     } catch (const Interrupted& error) {
       PyErr_SetString(PyExc_KeyboardInterrupt, error.what());
     } catch (const std::filesystem::filesystem_error& error) {
@@ -88,7 +96,7 @@ void MendTypeError(Arguments... arguments) {
     const py::object explain = py::module_::import("raylift._arguments").attr("explain");
     const auto line =
         explain(message, given.arguments, given.keywords).template cast<std::string>();
-    PyErr_SetString(PyExc_TypeError, line.c_str());
+    PyErr_SetString(wrong_type, line.c_str());
   } catch (const std::exception&) {
     raised.restore();
   }

@@ -213,7 +213,30 @@ def test_a_path_that_is_none_is_named(tmp_path: Path) -> None:
     for call in (lambda: raylift.Scene(5), lambda: raylift.read_image(np.zeros((2, 2))),  # type: ignore[arg-type]
                  lambda: raylift.Mesh.read(["a.ply"]),  # type: ignore[arg-type]
                  lambda: raylift.read_poses({})):  # type: ignore[arg-type]
-        with pytest.raises(raylift.InputError, match=r"^(model|file|files): expected a path"):
+        for kind in raylift.InputError, TypeError:
+            with pytest.raises(kind, match=r"^(model|file|files): expected a path"):
+                call()
+
+
+@pytest.mark.parametrize("message, call", [
+    ("scene: expected a raylift.Scene, found None", lambda: raylift.Localizer(None)),  # type: ignore[arg-type]
+    ("localizer: expected a raylift.Localizer, found Scene",
+     lambda: raylift.Tracker(raylift.Scene(DEMO / "model"))),  # type: ignore[arg-type]
+    ("url: expected a str, found int", lambda: raylift.Client(5)),  # type: ignore[arg-type]
+    ("camera: expected a raylift.Camera, .* found int", lambda: raylift.Camera.of(5)),  # type: ignore[arg-type]
+    ("pose: expected numbers, found str", lambda: raylift.Rigid3.of("up")),
+    ("reference: expected a raylift.PosedImage, .* found int",
+     lambda: raylift.PoseProblem(CAMERA, references=[3])),  # type: ignore[list-item]
+    ("points: expected an array .* found str", lambda: CAMERA.project("a")),
+    ("image: expected a uint8 array .* found float64", lambda: raylift.extract_features(np.zeros((9, 9)))),
+    ("geometry: expected a Mesh, .* found int", lambda: raylift.Geometry(5)),  # type: ignore[arg-type]
+    ("query: expected a raylift.Query .* found a str", lambda: raylift.write_queries("a", ["b"])),  # type: ignore[list-item]
+    ("poses, name: expected a str, found int", lambda: raylift.write_poses("a", {5: np.eye(4)})),  # type: ignore[dict-item]
+    ("name: expected a str, found 5", lambda: raylift.PosedImage(5, CAMERA, np.eye(4))),  # type: ignore[arg-type]
+])
+def test_a_wrong_type_is_a_type_error_and_an_input_error(message: str, call: Callable[[], Any]) -> None:
+    for kind in TypeError, ValueError, raylift.InputError:
+        with pytest.raises(kind, match=f"^{message}"):
             call()
 
 

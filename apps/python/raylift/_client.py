@@ -27,6 +27,8 @@ class Client:
     """
 
     def __init__(self, url: str, *, token: Optional[str] = None, timeout: float = 60, patience: float = 60) -> None:
+        if not isinstance(url, str):
+            raise _core.InputTypeError(f"url: expected a str, found {type(url).__name__}")
         self._url = url.rstrip("/")
         self._headers = {"Authorization": f"Bearer {token}"} if token else {}
         self._timeout = timeout

@@ -10,7 +10,7 @@ import raylift._results
 import raylift._types
 import typing
 import typing_extensions
-__all__: list[str] = ['Camera', 'ColmapModel', 'DepthMaps', 'Geometry', 'InputError', 'Lifter', 'LocalizedQuery', 'Localizer', 'Mesh', 'OptionError', 'PYBIND11_MAJOR', 'PoseEstimate', 'PoseProblem', 'PosedImage', 'Query', 'RayCaster', 'Rigid3', 'Scene', 'SceneTracker', 'SfmPoints', 'TrackedPose', 'VERSION', 'estimate', 'estimate_all', 'extract_features', 'filter_points', 'kinds_of_options', 'merge_candidates', 'read_depth', 'read_image', 'read_poses', 'read_queries', 'refine_pose', 'run_command', 'run_program', 'solve_d3p1', 'solve_e5p1', 'solve_gp3p', 'solve_known_center', 'solve_p3p', 'solve_up2p', 'write_depth', 'write_poses', 'write_queries']
+__all__: list[str] = ['Camera', 'ColmapModel', 'DepthMaps', 'Geometry', 'InputError', 'InputTypeError', 'Lifter', 'LocalizedQuery', 'Localizer', 'Mesh', 'OptionError', 'PYBIND11_MAJOR', 'PoseEstimate', 'PoseProblem', 'PosedImage', 'Query', 'RayCaster', 'Rigid3', 'Scene', 'SceneTracker', 'SfmPoints', 'TrackedPose', 'VERSION', 'estimate', 'estimate_all', 'extract_features', 'filter_points', 'kinds_of_options', 'merge_candidates', 'read_depth', 'read_image', 'read_poses', 'read_queries', 'refine_pose', 'run_command', 'run_program', 'solve_d3p1', 'solve_e5p1', 'solve_gp3p', 'solve_known_center', 'solve_p3p', 'solve_up2p', 'write_depth', 'write_poses', 'write_queries']
 class InputError(ValueError):
     """
     Bad input: a file, or an argument's value. One line that names it, the place
@@ -19,6 +19,10 @@ class InputError(ValueError):
 class OptionError(ValueError):
     """
     A bad option: "name = value: constraint".
+    """
+class InputTypeError(InputError, TypeError):
+    """
+    An argument of a wrong type, which is a TypeError, too.
     """
 class Camera:
     """

@@ -27,6 +27,8 @@ class Tracker:
 
     def __init__(self, localizer: _core.Localizer, *, odometry_scale: typing.Literal["known", "unknown"] = "known",
                  min_confidence: float = 0) -> None:
+        if not isinstance(localizer, _core.Localizer):
+            raise _core.InputTypeError(f"localizer: expected a raylift.Localizer, found {type(localizer).__name__}")
         self._localizer = localizer
         self._walk = _core.SceneTracker(localizer.scene, odometry_scale, min_confidence)
 
