@@ -271,6 +271,26 @@ Image ToImage(const ArrayLike& argument) {
           .data = {data, data + array.size()}};
 }
 
+std::vector<std::array<uint8_t, 3>> ToColors(const std::optional<ArrayLike>& argument,
+                                             std::string_view name) {
+  if (!argument) return {};
+  const auto given = py::array::ensure(internal::ForNumpy(*argument, name));
+  if (given && given.dtype().kind() == 'f' && given.size() > 0) {
+    const auto most = given.attr("max")().cast<double>();
+    if (most > 0 && most <= 1) {
+      throw InputError(
+          fmt::format("{}: expected integers from 0 to 255, found floats up to {}; colors from 0 "
+                      "to 1 are to be "
+                      "multiplied by 255",
+                      name, most));
+    }
+  }
+  const Rows<3, uint8_t> rows(*argument, name);
+  std::vector<std::array<uint8_t, 3>> colors(rows.size());
+  for (size_t i = 0; i < rows.size(); ++i) colors[i] = {rows[i][0], rows[i][1], rows[i][2]};
+  return colors;
+}
+
 Eigen::Vector3d ToVector3(const ArrayLike& argument, std::string_view name) {
   constexpr std::string_view kExpected = "an array of shape (3,)";
   const auto array = internal::ArrayOf<double>(argument, name, kExpected);

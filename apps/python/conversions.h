@@ -18,6 +18,7 @@
 #include <vector>
 
 #include "base/fields.h"
+#include "localization/matching/pixel_matches.h"
 #include <Eigen/Core>
 #include <fmt/format.h>
 #include <pybind11/numpy.h>
@@ -102,10 +103,12 @@ PosePriors ToPriors(const PositionArgument& position, const GravityArgument& gra
 std::string ToText(const py::handle& text, std::string_view name);
 // A str, bytes or os.PathLike. InputError naming the argument for anything else.
 std::filesystem::path ToPath(const PathLike& path, std::string_view name);
+inline PlaneSize SizeOf(const Camera& camera) { return {camera.width_px(), camera.height_px()}; }
 // uint8: height x width, or height x width x 3 (red, green, blue).
 Image ToImage(const ArrayLike& array);
 py::array_t<uint8_t> ToArray(Image image);
-// From a mapping with keypoints (N, 2) and descriptors (N, D).
+// From a mapping with keypoints (N, 2) and descriptors (N, D). InputError where most keypoints lie
+// outside of an image of this size.
 Features ToFeatures(const py::object& mapping, PlaneSize size);
 struct OwnMatching {
   std::optional<ExtractorLike> extractor;
@@ -181,6 +184,37 @@ class Rows {
   py::array_t<T> array_;
   size_t size_ = 0;
 };
+
+// InputError where a row is not finite.
+template <int kColumns>
+void RequireFiniteRows(const Rows<kColumns>& rows, std::string_view name) {
+  for (size_t i = 0; i < rows.size(); ++i) {
+    if (rows[i].allFinite()) continue;
+    throw InputError(fmt::format("{}, row {}: expected finite numbers", name, i));
+  }
+}
+
+// Pixels near the border may lie beside their image, but those of a resized one lie anywhere:
+// InputError where most do. `size_at` says how large the image of a row is.
+template <typename Pixels, typename SizeAt>
+void RequireMostInside(const Pixels& pixels, std::string_view name, const SizeAt& size_at) {
+  size_t outside = 0;
+  PlaneSize size;  // of one that does not have its pixel
+  for (size_t i = 0; i < pixels.size(); ++i) {
+    if (Shows(size_at(i), pixels[i])) continue;
+    size = size_at(i);
+    ++outside;
+  }
+  if (2 * outside <= pixels.size()) return;
+  throw InputError(fmt::format(
+      "{}: {} of {} lie outside of the image ({} x {}): are they those of a resized one?", name,
+      outside, pixels.size(), size.width_px, size.height_px));
+}
+
+// Colors (N, 3), each from 0 to 255. InputError for floats from 0 to 1, too, as other libraries
+// have them: their integers would be black.
+std::vector<std::array<uint8_t, 3>> ToColors(const std::optional<ArrayLike>& argument,
+                                             std::string_view name);
 
 // One number per match, or none at all. InputError where their count differs.
 template <typename T>

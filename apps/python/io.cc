@@ -134,7 +134,7 @@ ColmapImage::Point2D& Observed(ColmapModel& model, uint64_t point_id, int64_t im
 }
 
 void AddPoint(ColmapModel& model, uint64_t id, const ArrayLike& position, const ArrayLike& track,
-              const std::array<uint8_t, 3>& color, double error_px) {
+              const ArrayLike& color, double error_px) {
   const std::string what = fmt::format("point {}", id);
   if (model.points3d.contains(id)) throw InputError(what + ": the model has one already");
   ColmapPoint3D point;
@@ -142,7 +142,10 @@ void AddPoint(ColmapModel& model, uint64_t id, const ArrayLike& position, const 
   if (xyz.size() != 3) internal::ThrowShape("position", "3 numbers", xyz);
   point.position_in_world = Eigen::Map<const Eigen::Vector3d>(xyz.data());
   RequireFinite(what + ", position", point.position_in_world);
-  point.color_rgb = color;
+  constexpr const char* kColor = "3 integers from 0 to 255";
+  const auto rgb = internal::ArrayOf<double>(color, "color", kColor);
+  if (rgb.ndim() != 1 || rgb.size() != 3) internal::ThrowShape("color", kColor, rgb);
+  point.color_rgb = ToColors(py::make_tuple(color).cast<ArrayLike>(), "color").front();
   point.error_px = error_px;
   const Rows<2, int64_t> observations(track, "track");
   std::vector<ColmapImage::Point2D*> observed;
@@ -240,9 +243,11 @@ void BindModel(py::module_& module) {
            "Raises InputError where the camera is not there yet, or another image has the id or "
            "name.")
       .def("add_point3d", &AddPoint, py::arg("point3d_id"), py::arg("position"), py::arg("track"),
-           py::arg("color") = std::array<uint8_t, 3>{}, py::arg("error_px") = -1.0,
+           py::arg("color") = py::make_tuple(0, 0, 0), py::arg("error_px") = -1.0,
            "track (K, 2): the image's id, and the index of its points2d, which then observes the\n"
-           "point. Raises InputError where there is none, or it observes another point.")
+           "point. color: red, green and blue, from 0 to 255. Raises InputError where there is no "
+           "such\n"
+           "keypoint, or it observes another point.")
       .def_readonly("warnings", &ColmapModel::warnings)
       .def("__repr__", [](const ColmapModel& model) {
         return fmt::format("<raylift.ColmapModel {} cameras, {} images, {} points>",

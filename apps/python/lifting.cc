@@ -4,7 +4,6 @@
 #include <limits>
 #include <map>
 #include <memory>
-#include <numeric>
 #include <optional>
 #include <span>
 #include <string>
@@ -82,12 +81,19 @@ SurfaceColumns LiftByFirst(std::span<const std::shared_ptr<const GeometrySource>
                            const PosedImageLike& reference, const ArrayLike& given_pixels) {
   constexpr size_t kBlock = size_t{1} << 16;
   const PosedImage image = ToPosedImage(reference);
+  const PlaneSize size = SizeOf(image.camera);
   const auto pixels = Rows<2>(given_pixels, "pixels").ToVector();
   SurfaceColumns columns(std::ssize(pixels));
   WithoutLock([&] {
     for (size_t begin = 0; begin < pixels.size(); begin += kBlock) {
-      std::vector<size_t> left(std::min(kBlock, pixels.size() - begin));
-      std::iota(left.begin(), left.end(), begin);
+      std::vector<size_t> left;
+      for (size_t i = begin; i < std::min(begin + kBlock, pixels.size()); ++i) {
+        if (Shows(size, pixels[i])) {
+          left.push_back(i);
+        } else {
+          columns.Set(i, std::nullopt, -1);
+        }
+      }
       for (size_t s = 0; s < sources.size() && !left.empty(); ++s) {
         if (CallWatch* const watch = CallWatch::Current()) watch->Check();
         std::vector<Eigen::Vector2d> asked;
@@ -111,7 +117,8 @@ SurfaceColumns LiftByFirst(std::span<const std::shared_ptr<const GeometrySource>
 
 constexpr const char* kLiftDoc =
     R"(The surface points that pixels (N, 2) of a reference show. A dict: points and normals (N, 3) in
-the world (unit, toward the camera), NaN where there is no surface; and (N,) each: depth along
+the world (unit, toward the camera), NaN where there is no surface, and outside of the image;
+and (N,) each: depth along
 the optical axis, sigma (standard deviation of the point, where it is known) in scene units,
 incidence_deg, depth_jump (largest relative jump of depth around the pixel, where it was looked
 for), back_face (bool).)";

@@ -104,8 +104,7 @@ class SceneLocalizer {
     for (const PosedImage& image : scene_->references.images) {
       if (!reference_features.contains(image.name)) continue;
       matching_.front_end.features.emplace(
-          image.name, ToFeatures(reference_features[py::str(image.name)],
-                                 {image.camera.width_px(), image.camera.height_px()}));
+          image.name, ToFeatures(reference_features[py::str(image.name)], SizeOf(image.camera)));
     }
     // Options out of their range are told now.
     Localizer(scene_, nullptr, options_);
@@ -195,7 +194,7 @@ ResultPointer LocalizePhotograph(SceneLocalizer& localizer, const Query& asked,
 
 ResultPointer LocalizeFeatures(SceneLocalizer& localizer, const Query& asked,
                                const py::object& given) {
-  const Features features = ToFeatures(given, {asked.camera.width_px(), asked.camera.height_px()});
+  const Features features = ToFeatures(given, SizeOf(asked.camera));
   if (localizer.rerenderer() != nullptr) {
     throw InputError("query: rerender needs the photograph, found its features");
   }
@@ -231,14 +230,12 @@ ResultPointer LocalizeOne(SceneLocalizer& localizer, const py::object& query,
   return LocalizePhotograph(localizer, asked, photograph);
 }
 
-ResultPointer LocalizeMatches(const SceneLocalizer& localizer, const CameraLike& camera,
-                              const ArrayLike& query2d, const ArrayLike& reference2d,
-                              const std::vector<std::string>& reference_names,
-                              const std::optional<ArrayLike>& query_keypoints,
-                              const std::string& name, const PositionArgument& position,
-                              const GravityArgument& gravity,
-                              const std::optional<double>& focal_sigma, double focal_range) {
-  const Rows<2> query(query2d, "query2d"), reference(reference2d, "reference2d");
+// The rows of matches that lie inside of their images, as of the program's files of pixels; most
+// must.
+QueryMatches ToMatches(const Query& asked, const Rows<2>& query, const Rows<2>& reference,
+                       const std::vector<std::string>& reference_names,
+                       const std::optional<ArrayLike>& query_keypoints,
+                       const std::vector<PosedImage>& images) {
   if (query.size() != reference.size() || query.size() != reference_names.size()) {
     throw InputError(fmt::format(
         "query2d, reference2d and reference_names: expected as many, found {}, {} and {}",
@@ -246,30 +243,55 @@ ResultPointer LocalizeMatches(const SceneLocalizer& localizer, const CameraLike&
   }
   const auto keypoints = PerMatch<int64_t>(query_keypoints, "query_keypoints", query.size());
   QueryMatches matches;
-  std::map<std::string, int> index_of_name;
+  std::vector<InsideCount> counts;  // of each reference
+  std::map<std::string, size_t> index_of_name;
   for (size_t i = 0; i < query.size(); ++i) {
     const std::string& of = reference_names[i];
     auto known = index_of_name.find(of);
     if (known == index_of_name.end()) {
-      const auto& images = localizer.scene().references.images;
       const auto image = std::find_if(images.begin(), images.end(),
                                       [&of](const PosedImage& one) { return one.name == of; });
       if (image == images.end()) {
         throw InputError(
             fmt::format("reference_names, row {}: the scene has no reference {}", i, of));
       }
-      known = index_of_name.emplace(of, static_cast<int>(matches.references.size())).first;
+      known = index_of_name.emplace(of, matches.references.size()).first;
       matches.references.push_back(*image);
+      counts.emplace_back();
     }
+    const size_t index = known->second;
+    if (!Shows(SizeOf(asked.camera), query[i]) ||
+        !Shows(SizeOf(matches.references[index].camera), reference[i])) {
+      ++counts[index].outside;
+      continue;
+    }
+    ++counts[index].inside;
     Match2D2D& match = matches.matches.emplace_back();
-    match.reference = known->second;
+    match.reference = static_cast<int>(index);
     match.query_px = query[i];
     match.reference_px = reference[i];
     if (keypoints && keypoints->data()[i] >= 0) {
       match.query_keypoint = static_cast<int>(keypoints->data()[i]);
     }
   }
+  for (size_t i = 0; i < counts.size(); ++i) {
+    const PosedImage& image = matches.references[i];
+    counts[i].RequireMostInside(asked, image.name, image.camera, "query2d and reference2d");
+  }
+  return matches;
+}
+
+ResultPointer LocalizeMatches(const SceneLocalizer& localizer, const CameraLike& camera,
+                              const ArrayLike& query2d, const ArrayLike& reference2d,
+                              const std::vector<std::string>& reference_names,
+                              const std::optional<ArrayLike>& query_keypoints,
+                              const std::string& name, const PositionArgument& position,
+                              const GravityArgument& gravity,
+                              const std::optional<double>& focal_sigma, double focal_range) {
   const Query asked{name, ToCamera(camera), ToPriors(position, gravity, focal_sigma, focal_range)};
+  QueryMatches matches =
+      ToMatches(asked, Rows<2>(query2d, "query2d"), Rows<2>(reference2d, "reference2d"),
+                reference_names, query_keypoints, localizer.scene().references.images);
   return WithoutLock([&] {
     const Localizer knowing = localizer.WithoutMatches();
     return std::make_shared<KnownResult>(knowing.Localize(asked, std::move(matches)), knowing);
@@ -457,7 +479,10 @@ Returns a LocalizedQuery. Raises InputError where a photograph is not of the cam
           py::arg("focal_sigma") = py::none(), py::arg("focal_range") = 1.0,
           R"(One query by matches of one's own: pixels (M, 2) of the query and of references, and the
 references' names (M,). query_keypoints: (M,), where it is known which keypoint of the
-query a match is of. Priors and focal_... as of raylift.Query.)")
+query a match is of. Priors and focal_... as of raylift.Query.
+
+Matches outside of their images are left out of the result's problem; InputError where most
+matches with a reference are, as those of resized images.)")
       .def("localize_all", &LocalizeList, py::arg("queries"), py::kw_only(), py::arg("threads") = 0,
            py::arg("progress") = py::none(),
            "Many queries, Query or (name, camera) each, whose photographs or matches are in files. "

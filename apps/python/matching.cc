@@ -107,6 +107,7 @@ Features ToFeatures(const py::object& mapping, PlaneSize size) {
         "does: "
         "matcher=cv2.BFMatcher(cv2.NORM_HAMMING)");
   }
+  RequireMostInside(features.keypoints_px, "features, keypoints", [&](size_t) { return size; });
   const std::string expected =
       fmt::format("an array of shape ({}, D)", features.keypoints_px.size());
   const auto rows = internal::ArrayOf<float>(py::reinterpret_borrow<ArrayLike>(descriptors),
@@ -116,6 +117,9 @@ Features ToFeatures(const py::object& mapping, PlaneSize size) {
   }
   features.descriptors =
       Eigen::Map<const Eigen::MatrixXf>(rows.data(), rows.shape(1), rows.shape(0));
+  if (!features.descriptors.allFinite()) {
+    throw InputError("features, descriptors: expected finite numbers");
+  }
   return features;
 }
 

@@ -16,7 +16,7 @@ std::shared_ptr<TriangleMesh> MeshFromArrays(const ArrayLike& vertices, const Ar
                                              const std::optional<ArrayLike>& colors) {
   const Rows<3> positions(vertices, "vertices");
   const Rows<3, int64_t> corners(triangles, "triangles");
-  const Rows<3, uint8_t> rgb(colors, "colors");
+  std::vector<std::array<uint8_t, 3>> vertex_colors = ToColors(colors, "colors");
   std::vector<std::array<uint32_t, 3>> indices(corners.size());
   for (size_t i = 0; i < indices.size(); ++i) {
     for (size_t k = 0; k < 3; ++k) {
@@ -25,10 +25,6 @@ std::shared_ptr<TriangleMesh> MeshFromArrays(const ArrayLike& vertices, const Ar
       constexpr int64_t kMost = std::numeric_limits<uint32_t>::max();
       indices[i][k] = static_cast<uint32_t>(index < 0 || index > kMost ? kMost : index);
     }
-  }
-  std::vector<std::array<uint8_t, 3>> vertex_colors(rgb.size());
-  for (size_t i = 0; i < rgb.size(); ++i) {
-    vertex_colors[i] = {rgb[i][0], rgb[i][1], rgb[i][2]};
   }
   auto position_vector = positions.ToVector();
   return WithoutLock([&] {

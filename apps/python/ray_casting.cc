@@ -28,14 +28,17 @@ CasterPointer MakeCaster(const GeometryLike& surface, const std::string& build) 
   return std::make_shared<Caster>(found);
 }
 
+void RequireRows(const char* name, size_t found, size_t expected) {
+  if (found == expected) return;
+  throw InputError(fmt::format("{}: expected {} rows, found {}", name, expected, found));
+}
+
 // As many rows as there are points.
 template <int kColumns, typename T>
 std::vector<Eigen::Matrix<T, kColumns, 1>> RowsOf(const std::optional<ArrayLike>& argument,
                                                   const char* name, size_t count) {
   const Rows<kColumns, T> rows(argument, name);
-  if (argument && rows.size() != count) {
-    throw InputError(fmt::format("{}: expected {} rows, found {}", name, count, rows.size()));
-  }
+  if (argument) RequireRows(name, rows.size(), count);
   return rows.ToVector();
 }
 
@@ -50,9 +53,8 @@ CasterPointer CasterOfPoints(const ArrayLike& points, const std::optional<ArrayL
       throw InputError("normals: expected directions");
     cloud.normals.push_back(normal.normalized());
   }
-  for (const auto& color : RowsOf<3, uint8_t>(colors, "colors", count)) {
-    cloud.colors_rgb.push_back({color[0], color[1], color[2]});
-  }
+  cloud.colors_rgb = ToColors(colors, "colors");
+  if (colors) RequireRows("colors", cloud.colors_rgb.size(), count);
   if (radius && !(*radius > 0)) {
     throw OptionError("radius", fmt::format("{}", *radius), "must be positive");
   }

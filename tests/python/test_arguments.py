@@ -76,6 +76,12 @@ CALLS = [
     ("cam_from_world", lambda: raylift.refine_pose(PROBLEM)),  # type: ignore[call-arg]
     ("triangle", lambda: raylift.Mesh(POINTS, [[0, 1, 7]])),
     ("colors", lambda: raylift.Mesh(POINTS, [[0, 1, 2]], colors=np.zeros((3, 3)) + .5)),
+    ("colors", lambda: raylift.Mesh(POINTS, [[0, 1, 2]], colors=np.ones((3, 3)))),
+    ("colors", lambda: raylift.Mesh(POINTS, [[0, 1, 2]], colors=np.eye(3, dtype=np.float32))),
+    ("colors", lambda: raylift.Mesh(POINTS, [[0, 1, 2]], colors=np.full((3, 3), 256))),
+    ("colors", lambda: raylift.RayCaster.of_points(POINTS, colors=np.ones((3, 3)))),
+    ("colors", lambda: raylift.RayCaster.of_points(POINTS, colors=np.full((3, 3), -1))),
+    ("background", lambda: CASTER.render(CAMERA, POSE, background=(300, 0, 0))),
     ("files", lambda: raylift.Mesh.read(5)),  # type: ignore[arg-type]
     ("mesh", lambda: raylift.RayCaster(None)),  # type: ignore[arg-type]
     ("build", lambda: raylift.RayCaster(MESH, build="best")),

@@ -100,6 +100,19 @@ def test_names_of_pycolmap_and_poselib() -> None:
     assert refined.iterations == 0
 
 
+def test_some_pixels_may_lie_outside_of_their_image() -> None:
+    problem = Problem(wrong=0)
+    half = raylift.Camera("SIMPLE_RADIAL", 600, 450, CAMERA.params)
+    problem.expect_near(raylift.estimate_pose(half, problem.points2d, problem.points3d, **problem.pairs))
+    tiny, of_references = raylift.Camera("SIMPLE_RADIAL", 1, 1, CAMERA.params), dict(problem.pairs)
+    of_references["references"] = [(tiny, reference.cam_from_world) for reference in problem.references]
+    for name, camera, arguments in (
+            ("points2d: 200 of 200", tiny, dict(points2d=problem.points2d, points3d=problem.points3d)),
+            ("query2d: 600 of 600", tiny, problem.pairs), ("reference2d: 600 of 600", CAMERA, of_references)):
+        with pytest.raises(raylift.InputError, match=rf"^{name} lie outside of the image \(1 x 1\): are they those of"):
+            raylift.PoseProblem(camera, **arguments)
+
+
 def test_no_pose_is_a_result() -> None:
     estimate = raylift.estimate_pose(CAMERA, [[1, 2]], [[1, 2, 3]])
     assert isinstance(estimate, raylift.PoseEstimate)
@@ -190,6 +203,10 @@ def test_priors_of_position_and_gravity() -> None:
     (dict(query2d=np.zeros((1, 2)), reference2d=np.zeros((1, 2)), reference_index=np.array([2.0**63]),
           references=[(CAMERA, np.eye(4))]), "reference_index: expected integers .* found 9.2"),
     (dict(points2d=np.ma.zeros((1, 2)), points3d=np.zeros((1, 3))), "points2d: a masked array"),
+    (dict(points2d=np.zeros((2, 2)), points3d=[[1, 2, 3], [1, np.nan, 3]]), "points3d, row 1: expected finite numbers"),
+    (dict(points2d=[[np.inf, 0]], points3d=np.zeros((1, 3))), "points2d, row 0: expected finite numbers"),
+    (dict(query2d=[[np.nan, 0]], reference2d=np.zeros((1, 2)), references=[(CAMERA, np.eye(4))]), "query2d, row 0"),
+    (dict(query2d=np.zeros((1, 2)), reference2d=[[np.nan, 0]], references=[(CAMERA, np.eye(4))]), "reference2d, row 0"),
     (dict(references=[(CAMERA, np.eye(4).T + np.outer([0, 0, 0, 1], [1, 2, 3, 0]))]),
      r"last row of a 4 x 4 matrix, found \(1, 2, 3, 1\); is it transposed"),
     (dict(references=[(CAMERA, np.diag([1, 1, 1, np.nan]))]), "last row"),

@@ -59,6 +59,11 @@ def test_models_round_trip(tmp_path: Path, form: str) -> None:
     (lambda m: m.add_point3d(1, [0, 0, 1], [[-1, 0]]), "has no image -1"),
     (lambda m: m.add_point3d(1, [0, 0, 1], [[5, 2]]), "image 5 has 2 keypoints, and none of index 2"),
     (lambda m: m.add_point3d(1, [0, 0, 1], [[5, 0]]), "keypoint 0 of image 5 observes point 9 already"),
+    (lambda m: m.add_point3d(1, [0, 0, 1], [], (300, 0, 0)), "color: expected integers from 0 to 255, found 300"),
+    (lambda m: m.add_point3d(1, [0, 0, 1], [], (0, -1, 0)), "color: expected integers from 0 to 255, found -1"),
+    (lambda m: m.add_point3d(1, [0, 0, 1], [], (1.0, 0.5, 0)), "color: expected integers from 0 to 255, found floats up to 1"),
+    (lambda m: m.add_point3d(1, [0, 0, 1], [], (1, 2)), r"color: expected 3 integers from 0 to 255, found \(2,\)"),
+    (lambda m: m.add_point3d(1, [0, 0, 1], [], "red"), "color: expected 3 integers from 0 to 255, found str"),
 ])
 def test_what_no_reader_takes_is_refused_when_added(tmp_path: Path, add: Callable[..., Any],
                                                     message: str) -> None:

@@ -107,6 +107,15 @@ def test_lifting_from_a_model(tmp_path: Path) -> None:
     assert two["source"].tolist() == [0, 1, -1]
 
 
+def test_pixels_outside_of_the_image_show_nothing(mesh: raylift.Mesh) -> None:
+    wall = raylift.Mesh([[-99, -99, 5], [99, -99, 5], [0, 99, 5]], [[0, 1, 2]])
+    pixels = np.array([[-1, 24], [65, 49], [-1.1, 24], [32, 49.1], [np.nan, 24]])
+    for geometry in raylift.Geometry(wall), raylift.Lifter(mesh, wall):
+        lifted = geometry.lift(IMAGE, pixels)
+        assert np.isfinite(lifted["points"]).all(axis=1).tolist() == [True, True, False, False, False]
+    assert raylift.Lifter(mesh, wall).lift(IMAGE, pixels)["source"].tolist() == [1, 1, -1, -1, -1]
+
+
 def wall_problem() -> tuple[Problem, raylift.PoseProblem, NDArray[np.float64], raylift.Mesh]:
     """Pairs of a query and three references before a wall, the plane z = 5."""
     wall = raylift.Mesh([[-9, -9, 5], [9, -9, 5], [9, 9, 5], [-9, 9, 5]], [[0, 2, 1], [0, 3, 2]])

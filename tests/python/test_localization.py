@@ -372,3 +372,42 @@ def test_photographs_of_a_rig_are_localized_together(localizer: raylift.Localize
     between = some(found[links[1]].cam_from_world) * some(found[links[0]].cam_from_world).inverse()
     assert between.matrix == pytest.approx(second_from_first.matrix, abs=1e-9)
     assert np.linalg.norm(some(found[links[0]].cam_from_world).center - poses[0].center) < 0.05
+
+
+def test_matches_outside_of_their_images_are_left_out(hloc: HlocScene) -> None:
+    name, camera = hloc.queries[0]
+    reference = hloc.references[0]
+    of_query, of_reference = hloc.matches[name, reference.name]
+    query = np.array(hloc.keypoints[name])[of_query] + 0.5
+    pixels = np.asarray(hloc.keypoints[reference.name])[of_reference] + 0.5
+    count = len(query)
+    rows: Any = (np.vstack([query, query[:2], query[:1]]),
+                 np.vstack([pixels, pixels[:1] + [camera.width, 0], pixels[:1] - 999, pixels[:1]]),
+                 [reference.name] * (count + 3))
+    rows[0][-1] = -1, camera.height + 1  # rounding may move a pixel so far
+    localizer = raylift.Localizer(hloc.scene)
+    found = localizer.localize_matches(camera, *rows, query_keypoints=np.arange(count + 3))
+    inside = [*range(count), count + 2]
+    assert found.problem.query2d.tolist() == rows[0][inside].tolist()
+    assert found.problem.reference2d.tolist() == rows[1][inside].tolist()
+    assert found.problem.query_keypoints.tolist() == inside
+    message = rf"^query2d and reference2d: {count} of {count} matches lie outside of query \({camera.width} x"
+    for query_px, reference_px in ((2 * query + 999, pixels), (query, pixels * np.nan)):
+        with pytest.raises(raylift.InputError, match=message):
+            localizer.localize_matches(camera, query_px, reference_px, [reference.name] * count)
+
+
+def test_features_of_a_resized_photograph_are_refused() -> None:
+    scene = raylift.Scene.of([raylift.PosedImage("a.jpg", CAMERA, raylift.Rigid3())])
+    descriptors = np.eye(4, 8, dtype=np.float32)
+    pixels = np.array([[641.5, 3], [642, 3], [5, 5], [6, 6]])
+
+    def localizer(keypoints: Any, of: Any = descriptors) -> raylift.Localizer:
+        return raylift.Localizer(scene, reference_features={"a.jpg": {"keypoints": keypoints, "descriptors": of}})
+
+    localizer(pixels)  # most lie inside
+    for wrong in pixels * [1, 99], np.full((4, 2), np.nan):
+        with pytest.raises(raylift.InputError, match=r"features, keypoints: 4 of 4 lie outside of the image \(640 x 480"):
+            localizer(wrong)
+    with pytest.raises(raylift.InputError, match="features, descriptors: expected finite numbers"):
+        localizer(pixels, np.full((4, 8), np.inf))

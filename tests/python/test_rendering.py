@@ -280,3 +280,11 @@ def test_a_cloud_in_memory_is_no_mesh_of_a_scene() -> None:
     cloud = raylift.RayCaster.of_points(wall_points(0.1))
     assert raylift.Scene(DEMO / "model", [cloud]).mesh is None
     assert raylift.Geometry(cloud).description == "cloud from memory"
+
+
+def test_colors_are_bytes_of_any_type() -> None:
+    for colors in np.array([[0, 1, 255]] * 3), np.array([[0.0, 1, 255]] * 3), [[0, 1, 255]] * 3, np.zeros((3, 3)):
+        mesh = raylift.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], colors)
+        assert some(mesh.colors).tolist() == np.asarray(colors).tolist()
+    dark = raylift.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], [[0, 1, 1]] * 3)
+    assert some(dark.colors).tolist() == [[0, 1, 1]] * 3

@@ -629,7 +629,8 @@ class Geometry:
     def lift(self, reference: raylift._types.PosedImageLike, pixels: numpy.typing.ArrayLike) -> raylift._results.LiftedPixels:
         """
         The surface points that pixels (N, 2) of a reference show. A dict: points and normals (N, 3) in
-        the world (unit, toward the camera), NaN where there is no surface; and (N,) each: depth along
+        the world (unit, toward the camera), NaN where there is no surface, and outside of the image;
+        and (N,) each: depth along
         the optical axis, sigma (standard deviation of the point, where it is known) in scene units,
         incidence_deg, depth_jump (largest relative jump of depth around the pixel, where it was looked
         for), back_face (bool).
@@ -689,7 +690,8 @@ class Lifter:
     def lift(self, reference: raylift._types.PosedImageLike, pixels: numpy.typing.ArrayLike) -> raylift._results.LiftedBySources:
         """
         The surface points that pixels (N, 2) of a reference show. A dict: points and normals (N, 3) in
-        the world (unit, toward the camera), NaN where there is no surface; and (N,) each: depth along
+        the world (unit, toward the camera), NaN where there is no surface, and outside of the image;
+        and (N,) each: depth along
         the optical axis, sigma (standard deviation of the point, where it is known) in scene units,
         incidence_deg, depth_jump (largest relative jump of depth around the pixel, where it was looked
         for), back_face (bool). source: index of the source (N,), -1: none.
@@ -954,10 +956,11 @@ class ColmapModel:
         """
         Raises InputError where the camera is not there yet, or another image has the id or name.
         """
-    def add_point3d(self, point3d_id: typing.SupportsInt | typing.SupportsIndex, position: numpy.typing.ArrayLike, track: numpy.typing.ArrayLike, color: typing.Annotated[collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex], "FixedSize(3)"] = [0, 0, 0], error_px: typing.SupportsFloat | typing.SupportsIndex = -1.0) -> None:
+    def add_point3d(self, point3d_id: typing.SupportsInt | typing.SupportsIndex, position: numpy.typing.ArrayLike, track: numpy.typing.ArrayLike, color: numpy.typing.ArrayLike = (0, 0, 0), error_px: typing.SupportsFloat | typing.SupportsIndex = -1.0) -> None:
         """
         track (K, 2): the image's id, and the index of its points2d, which then observes the
-        point. Raises InputError where there is none, or it observes another point.
+        point. color: red, green and blue, from 0 to 255. Raises InputError where there is no such
+        keypoint, or it observes another point.
         """
     def image(self, image_id: typing.SupportsInt | typing.SupportsIndex) -> raylift._results.ModelImage:
         """

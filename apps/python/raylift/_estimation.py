@@ -43,6 +43,7 @@ def estimate_pose(
 
     camera: the photograph's.
     points2d, points3d: (N, 2) pixels of the photograph and (N, 3) points of the world that they show.
+        Most pixels must lie inside of the camera's image.
     point_sigmas: (N,) standard deviations of the points, scene units; NaN: not known.
     point_references: (N,) index of the reference that the point was lifted from; -1: of none.
     point_matches: (N,) index of the 2D-2D match that it was lifted from; -1: of none.

@@ -7,43 +7,47 @@
 #include "raylift/base/error.h"
 
 namespace raylift {
-namespace {
 
-bool Shows(const Camera& camera, const Eigen::Vector2d& pixel) {
+bool Shows(PlaneSize size, const Eigen::Vector2d& pixel) {
   constexpr double kRoundingPx = 1;
-  return pixel.x() >= -kRoundingPx && pixel.x() <= camera.width_px() + kRoundingPx &&
-         pixel.y() >= -kRoundingPx && pixel.y() <= camera.height_px() + kRoundingPx;
+  return pixel.x() >= -kRoundingPx && pixel.x() <= size.width_px + kRoundingPx &&
+         pixel.y() >= -kRoundingPx && pixel.y() <= size.height_px + kRoundingPx;
 }
 
-}  // namespace
+void InsideCount::RequireMostInside(const Query& query, const std::string& reference,
+                                    const Camera& reference_camera,
+                                    const std::filesystem::path& source) const {
+  // A matcher may see things in the margin that it put round an image, but not everything.
+  if (outside <= inside) return;
+  throw InputError(source,
+                   fmt::format("{} of {} matches lie outside of {} ({} x {}) or {} ({} x {}): are "
+                               "their pixels those of resized images?",
+                               outside, outside + inside, query.name, query.camera.width_px(),
+                               query.camera.height_px(), reference, reference_camera.width_px(),
+                               reference_camera.height_px()));
+}
 
 InsideMatches QueryPixels::Inside(const PixelMatches& given, const std::string& reference,
                                   const Camera& reference_camera,
                                   const std::filesystem::path& source) const {
   const Eigen::Vector2d shift = Eigen::Vector2d::Constant(0.5 - reading_.first_pixel);
+  const PlaneSize query_size{query_.camera.width_px(), query_.camera.height_px()};
+  const PlaneSize reference_size{reference_camera.width_px(), reference_camera.height_px()};
   InsideMatches result;
   for (size_t i = 0; i < given.query_px.size(); ++i) {
     const double score = given.scores.empty() ? 1 : given.scores[i];
     if (reading_.min_score && !(score >= *reading_.min_score)) continue;
     const Eigen::Vector2d query_px = given.query_px[i] + shift;
     const Eigen::Vector2d reference_px = given.reference_px[i] + shift;
-    if (!Shows(query_.camera, query_px) || !Shows(reference_camera, reference_px)) {
+    if (!Shows(query_size, query_px) || !Shows(reference_size, reference_px)) {
       ++result.outside;
       continue;
     }
     result.matches.query_px.push_back(query_px);
     result.matches.reference_px.push_back(reference_px);
   }
-  // A matcher may see things in the margin that it put round an image, but not everything.
-  const size_t inside = result.matches.query_px.size();
-  if (result.outside > inside) {
-    throw InputError(
-        source, fmt::format("{} of {} matches lie outside of {} ({} x {}) or {} ({} x {}): are "
-                            "their pixels those of resized images?",
-                            result.outside, result.outside + inside, query_.name,
-                            query_.camera.width_px(), query_.camera.height_px(), reference,
-                            reference_camera.width_px(), reference_camera.height_px()));
-  }
+  InsideCount{result.matches.query_px.size(), result.outside}.RequireMostInside(
+      query_, reference, reference_camera, source);
   return result;
 }
 
