@@ -72,32 +72,34 @@ Eigen::Vector3d Translation(const py::object& values) {
   return Finite({t[0], t[1], t[2]});
 }
 
-Eigen::Quaterniond Unit(double w, double x, double y, double z) {
+// `what` has the rotation, which messages say.
+Eigen::Quaterniond Unit(double w, double x, double y, double z, std::string_view what) {
   const Eigen::Quaterniond q(w, x, y, z);
   if (!(q.norm() > 0) || !q.coeffs().allFinite()) {
-    throw InputError("pose, rotation: the quaternion has no direction");
+    throw InputError(fmt::format("{}, rotation: the quaternion has no direction", what));
   }
   // One that is of unit length up to rounding keeps its digits.
   return std::abs(q.squaredNorm() - 1) < 1e-12 ? q : q.normalized();
 }
 
-Eigen::Quaterniond FromMatrix(const Eigen::Matrix3d& matrix) {
+Eigen::Quaterniond FromMatrix(const Eigen::Matrix3d& matrix, std::string_view what) {
   constexpr double kRounding = 1e-3;
   const bool is_rotation = matrix.allFinite() && matrix.determinant() > 0 &&
                            (matrix * matrix.transpose()).isIdentity(kRounding);
-  if (!is_rotation) throw InputError("pose: its 3 x 3 part is no rotation");
+  if (!is_rotation) throw InputError(fmt::format("{}: its 3 x 3 part is no rotation", what));
   return Eigen::Quaterniond(matrix).normalized();
 }
 
 // (w, x, y, z), or a 3 x 3 matrix.
-Eigen::Quaterniond Rotation(const py::object& values) {
-  const std::vector<double> r = Numbers(values, "pose, rotation");
-  if (r.size() == 4) return Unit(r[0], r[1], r[2], r[3]);
+Eigen::Quaterniond Rotation(const py::object& values, std::string_view what = "pose") {
+  const std::vector<double> r = Numbers(values, fmt::format("{}, rotation", what));
+  if (r.size() == 4) return Unit(r[0], r[1], r[2], r[3], what);
   if (r.size() == 9) {
-    return FromMatrix(Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(r.data()));
+    return FromMatrix(Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(r.data()),
+                      what);
   }
   throw InputError(fmt::format(
-      "pose, rotation: expected (w, x, y, z) or a 3 x 3 matrix, found {} numbers", r.size()));
+      "{}, rotation: expected (w, x, y, z) or a 3 x 3 matrix, found {} numbers", what, r.size()));
 }
 
 Rigid3 FromMatrixRows(const py::object& values) {
@@ -115,7 +117,7 @@ Rigid3 FromMatrixRows(const py::object& values) {
         "is it transposed?",
         m[12], m[13], m[14], m[15]));
   }
-  return {FromMatrix(upper.leftCols<3>()), Finite(upper.col(3))};
+  return {FromMatrix(upper.leftCols<3>(), "pose"), Finite(upper.col(3))};
 }
 
 }  // namespace
@@ -243,6 +245,14 @@ std::string ToText(const py::handle& text, std::string_view name) {
   throw WrongType(fmt::format("{}: expected a str, found {}", name, TypeName(text)));
 }
 
+std::map<std::string, Rigid3> ToNamedPoses(const py::object& mapping, std::string_view name) {
+  std::map<std::string, Rigid3> poses;
+  for (const py::handle& key : mapping.attr("keys")()) {
+    poses[ToText(key, fmt::format("{}, name", name))] = ToPose(mapping[key].cast<PoseLike>());
+  }
+  return poses;
+}
+
 std::filesystem::path ToPath(const PathLike& path, std::string_view name) {
   const auto text = py::reinterpret_steal<py::object>(PyOS_FSPath(path.ptr()));
   if (text) return text.cast<std::string>();
@@ -304,41 +314,77 @@ void RequirePrior(bool is_right, std::string_view name, std::string_view expecte
   if (!is_right) throw InputError(fmt::format("{}: expected {}", name, expected));
 }
 
+Eigen::Vector3d ToDirection(const ArrayLike& argument, std::string_view name) {
+  const Eigen::Vector3d direction = ToVector3(argument, name);
+  RequirePrior(HasDirection(direction), name, "a direction");
+  return direction;
+}
+
+double ToSigma(double sigma, std::string_view name) {
+  RequirePrior(sigma >= 0, name, "at least 0");
+  return sigma;
+}
+
+PositionPrior ToPosition(const ArrayLike& position, const ArrayLike& sigma) {
+  constexpr std::string_view kSigma = "position_prior, sigma";
+  const auto numbers =
+      internal::ArrayOf<double>(sigma, kSigma, "a number or an array of shape (3,)");
+  PositionPrior prior{.position = ToVector3(position, "position_prior"),
+                      .sigma = numbers.size() == 1
+                                   ? Eigen::Vector3d(Eigen::Vector3d::Constant(*numbers.data()))
+                                   : ToVector3(sigma, kSigma)};
+  RequirePrior(prior.position.allFinite(), "position_prior", "finite numbers");
+  RequirePrior((prior.sigma.array() >= 0).all(), kSigma, "at least 0");
+  return prior;
+}
+
+HeadingPrior ToHeading(const ArrayLike& right_in_cam, const ArrayLike& right_in_world,
+                       const ArrayLike& down_in_world, double sigma_deg) {
+  HeadingPrior prior{.right_in_cam = ToDirection(right_in_cam, "heading_prior, right_in_cam"),
+                     .right_in_world = ToDirection(right_in_world, "heading_prior, right_in_world"),
+                     .down_in_world = ToDirection(down_in_world, "heading_prior, down_in_world"),
+                     .sigma_deg = ToSigma(sigma_deg, "heading_prior, sigma_deg")};
+  RequirePrior(HasDirection(prior.down_in_world.cross(prior.right_in_world)),
+               "heading_prior, down_in_world", "another direction than right_in_world");
+  return prior;
+}
+
+RangePrior ToRange(double range, double sigma) {
+  RequirePrior(range > 0 && std::isfinite(range), "range_prior", "a positive range");
+  return {.range = range, .sigma = ToSigma(sigma, "range_prior, sigma")};
+}
+
 }  // namespace
 
-PosePriors ToPriors(const PositionArgument& position, const GravityArgument& gravity,
-                    const std::optional<double>& focal_sigma, double focal_range) {
-  PosePriors priors{.focal_range = focal_range, .focal_sigma = focal_sigma};
-  if (position) {
-    const auto sigma = internal::ArrayOf<double>(position->second, "position_prior, sigma",
-                                                 "a number or an array of shape (3,)");
-    priors.position = {.position = ToVector3(position->first, "position_prior"),
-                       .sigma = sigma.size() == 1
-                                    ? Eigen::Vector3d(Eigen::Vector3d::Constant(*sigma.data()))
-                                    : ToVector3(position->second, "position_prior, sigma")};
+PosePriors ToPriors(const PriorArguments& given) {
+  PosePriors priors{.focal_range = given.focal_range, .focal_sigma = given.focal_sigma};
+  if (given.position) priors.position = ToPosition(given.position->first, given.position->second);
+  if (given.gravity) {
+    const auto& [in_cam, in_world, sigma_deg] = *given.gravity;
+    priors.gravity = {.down_in_cam = ToDirection(in_cam, "gravity_prior, down_in_cam"),
+                      .down_in_world = ToDirection(in_world, "gravity_prior, down_in_world"),
+                      .sigma_deg = ToSigma(sigma_deg, "gravity_prior, sigma_deg")};
   }
-  if (gravity) {
-    const auto& [in_cam, in_world, sigma_deg] = *gravity;
-    priors.gravity = {.down_in_cam = ToVector3(in_cam, "gravity_prior, down_in_cam"),
-                      .down_in_world = ToVector3(in_world, "gravity_prior, down_in_world"),
-                      .sigma_deg = sigma_deg};
+  if (given.heading) priors.heading = std::apply(&ToHeading, *given.heading);
+  if (given.orientation) {
+    const auto& [rotation, sigma_deg] = *given.orientation;
+    priors.orientation = {.cam_from_world = Rotation(rotation, "orientation_prior"),
+                          .sigma_deg = ToSigma(sigma_deg, "orientation_prior, sigma_deg")};
   }
-  if (priors.position) {
-    RequirePrior((priors.position->sigma.array() >= 0).all(), "position_prior, sigma",
-                 "at least 0");
-  }
-  if (priors.gravity) {
-    RequirePrior(HasDirection(priors.gravity->down_in_cam), "gravity_prior, down_in_cam",
-                 "a direction");
-    RequirePrior(HasDirection(priors.gravity->down_in_world), "gravity_prior, down_in_world",
-                 "a direction");
-    RequirePrior(priors.gravity->sigma_deg >= 0, "gravity_prior, sigma_deg", "at least 0");
-  }
-  RequirePrior(!focal_sigma || (*focal_sigma >= 0 && *focal_sigma <= kMaxFocalSigma), "focal_sigma",
-               fmt::format("a share of the focal length from 0 to {}", kMaxFocalSigma));
-  RequirePrior(focal_range >= 1 && focal_range <= kMaxFocalRange, "focal_range",
+  if (given.range) priors.range = ToRange(given.range->first, given.range->second);
+  RequirePrior(
+      !given.focal_sigma || (*given.focal_sigma >= 0 && *given.focal_sigma <= kMaxFocalSigma),
+      "focal_sigma", fmt::format("a share of the focal length from 0 to {}", kMaxFocalSigma));
+  RequirePrior(given.focal_range >= 1 && given.focal_range <= kMaxFocalRange, "focal_range",
                fmt::format("a factor from 1 to {}", kMaxFocalRange));
   return priors;
+}
+
+Query WithPriors(Query query, PosePriors priors) {
+  if (priors.focal_range == 1) priors.focal_range = query.priors.focal_range;
+  if (!priors.focal_sigma) priors.focal_sigma = query.priors.focal_sigma;
+  query.priors = std::move(priors);
+  return query;
 }
 
 Query ToQuery(const QueryLike& query) {

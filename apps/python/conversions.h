@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <functional>
 #include <limits>
+#include <map>
 #include <optional>
 #include <span>
 #include <string>
@@ -94,14 +95,31 @@ std::vector<PosedImage> ToPosedImages(const std::vector<PosedImageLike>& images)
 Query ToQuery(const QueryLike& query);
 Eigen::Vector3d ToVector3(const ArrayLike& argument, std::string_view name);
 // (position, sigma), sigma being one number or one per axis; (down_in_cam, down_in_world,
-// sigma_deg).
+// sigma_deg); (right_in_cam, right_in_world, down_in_world, sigma_deg); (rotation, sigma_deg) of
+// cam_from_world; (range, sigma).
 using PositionArgument = std::optional<std::pair<ArrayLike, ArrayLike>>;
 using GravityArgument = std::optional<std::tuple<ArrayLike, ArrayLike, double>>;
-PosePriors ToPriors(const PositionArgument& position, const GravityArgument& gravity,
-                    const std::optional<double>& focal_sigma, double focal_range = 1);
-// A str. InputError naming the argument for anything else.
+using HeadingArgument = std::optional<std::tuple<ArrayLike, ArrayLike, ArrayLike, double>>;
+using OrientationArgument = std::optional<std::pair<ArrayLike, double>>;
+using RangeArgument = std::optional<std::pair<double, double>>;
+struct PriorArguments {
+  PositionArgument position;
+  GravityArgument gravity;
+  HeadingArgument heading;
+  OrientationArgument orientation;
+  RangeArgument range = std::nullopt;
+  std::optional<double> focal_sigma = std::nullopt;
+  double focal_range = 1;
+};
+PosePriors ToPriors(const PriorArguments& given);
+// A query with what is given of it; what it knows of the focal length holds where that says nothing
+// of it.
+Query WithPriors(Query query, PosePriors priors);
+// A str. WrongType naming the argument for anything else.
 std::string ToText(const py::handle& text, std::string_view name);
-// A str, bytes or os.PathLike. InputError naming the argument for anything else.
+// Poses (cam_from_world) by name, from a mapping.
+std::map<std::string, Rigid3> ToNamedPoses(const py::object& mapping, std::string_view name);
+// A str, bytes or os.PathLike. WrongType naming the argument for anything else.
 std::filesystem::path ToPath(const PathLike& path, std::string_view name);
 inline PlaneSize SizeOf(const Camera& camera) { return {camera.width_px(), camera.height_px()}; }
 // uint8: height x width, or height x width x 3 (red, green, blue).
@@ -346,6 +364,8 @@ class Keywords {
     if constexpr (std::is_integral_v<T>) return "an integer";
     if constexpr (std::is_floating_point_v<T>) return "a number";
     if constexpr (std::is_same_v<T, std::optional<double>>) return "a number or None";
+    if constexpr (std::is_same_v<T, std::optional<std::pair<double, double>>>) return "(near, far)";
+    if constexpr (std::is_same_v<T, std::array<uint8_t, 3>>) return "3 integers from 0 to 255";
     if constexpr (std::is_same_v<T, std::string> || NamedEnum<T>) return "a str";
     return "another value";
   }

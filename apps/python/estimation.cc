@@ -199,13 +199,20 @@ void BindProblem(py::module_& module) {
                        OptionalArray reference_sigmas_px, OptionalArray query_keypoints,
                        OptionalArray reference_keypoints, const std::vector<int>& clusters,
                        const PositionArgument& position, const GravityArgument& gravity,
+                       const HeadingArgument& heading, const OrientationArgument& orientation,
                        const std::optional<double>& focal_sigma, const std::string& name) {
              return std::make_shared<KnownProblem>(
                  MakeProblem(camera,
                              {points2d, points3d, point_sigmas, point_references, point_keypoints,
                               point_matches, query2d, reference2d, reference_index,
                               reference_sigmas_px, query_keypoints, reference_keypoints},
-                             references, clusters, ToPriors(position, gravity, focal_sigma), name));
+                             references, clusters,
+                             ToPriors({.position = position,
+                                       .gravity = gravity,
+                                       .heading = heading,
+                                       .orientation = orientation,
+                                       .focal_sigma = focal_sigma}),
+                             name));
            }),
            py::arg("camera"), py::arg("points2d") = none, py::arg("points3d") = none, py::kw_only(),
            py::arg("point_sigmas") = none, py::arg("point_references") = none,
@@ -215,7 +222,8 @@ void BindProblem(py::module_& module) {
            py::arg("reference_sigmas_px") = none, py::arg("query_keypoints") = none,
            py::arg("reference_keypoints") = none,
            py::arg("reference_clusters") = std::vector<int>(), py::arg("position_prior") = none,
-           py::arg("gravity_prior") = none, py::arg("focal_sigma") = none, py::arg("name") = "",
+           py::arg("gravity_prior") = none, py::arg("heading_prior") = none,
+           py::arg("orientation_prior") = none, py::arg("focal_sigma") = none, py::arg("name") = "",
            "The arguments are those of raylift.estimate_pose(), and the camera's focal_sigma.")
       .def_readonly("name", &PoseProblem::name, "The query's; estimates depend on it.")
       .def_readonly("camera", &PoseProblem::query_camera, "The query's.")

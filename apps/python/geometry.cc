@@ -25,6 +25,17 @@ Camera MakeCamera(const std::string& model, int width, int height, const ArrayLi
   return {*known, width, height, std::span(numbers.data(), static_cast<size_t>(numbers.size()))};
 }
 
+Camera PinholeOf(const ArrayLike& matrix, int width, int height) {
+  const Rows<3> rows(matrix, "matrix");
+  const bool is_pinhole = rows.size() == 3 && rows[0].y() == 0 && rows[1].x() == 0 &&
+                          rows[2] == Eigen::Vector3d::UnitZ();
+  if (!is_pinhole) {
+    throw InputError("matrix: expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]");
+  }
+  return {CameraModel::kPinhole, width, height,
+          std::array{rows[0].x(), rows[1].y(), rows[0].z(), rows[1].z()}};
+}
+
 void BindCamera(py::module_& module) {
   py::class_<Camera>(
       module, "Camera",
@@ -42,6 +53,11 @@ void BindCamera(py::module_& module) {
       .def_static(
           "of", [](const CameraLike& camera) { return ToCamera(camera); }, py::arg("camera"),
           "From anything that an argument `camera` may be.")
+      .def_static(
+          "from_matrix", &PinholeOf, py::arg("matrix"), py::arg("width"), py::arg("height"),
+          R"(A PINHOLE from the 3 x 3 matrix of its focal lengths and principal point, that of
+Camera.matrix. Where the center of the first pixel is (0, 0), as OpenCV's, 0.5 is to be added to
+the principal point.)")
       .def_property_readonly(
           "model",
           [](const Camera& camera) { return std::string(GetCameraModelInfo(camera.model()).name); },
@@ -162,6 +178,9 @@ void BindRigid3(py::module_& module) {
       .def_static(
           "of", [](const PoseLike& pose) { return ToPose(pose); }, py::arg("pose"),
           "From anything that an argument `pose` may be.")
+      .def_static(
+          "from_matrix", [](const ArrayLike& matrix) { return ToPose(matrix.cast<PoseLike>()); },
+          py::arg("matrix"), "From a 4 x 4 or 3 x 4 matrix, that of Rigid3.matrix.")
       .def_property_readonly(
           "qvec", [](const Rigid3& pose) { return ToArray(QvecWxyz(pose)); },
           "The rotation as a unit quaternion (w, x, y, z).")
@@ -210,39 +229,85 @@ void BindRigid3(py::module_& module) {
           [](const py::tuple& state) { return ToPose(py::reinterpret_borrow<PoseLike>(state)); }));
 }
 
-using List3 = std::array<double, 3>;
-using HeadingState = std::tuple<List3, List3, List3, double>;
-using OrientationState = std::pair<std::array<double, 4>, double>;
+// What is known of a query as its arguments say it, with lists for arrays, so that tuples of them
+// compare.
+using List = std::vector<double>;
+using PositionState = std::optional<std::pair<List, List>>;
+using GravityState = std::optional<std::tuple<List, List, double>>;
+using HeadingState = std::optional<std::tuple<List, List, List, double>>;
+using OrientationState = std::optional<std::pair<List, double>>;
+using RigState = std::optional<std::tuple<std::string, int, Rigid3>>;
 
-// As the arguments of Query, but for the priors' arrays, which are lists; then what only files say.
+List ToList(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
+
+PositionState PositionOf(const Query& query) {
+  const auto& prior = query.priors.position;
+  if (!prior) return std::nullopt;
+  return {{ToList(prior->position), ToList(prior->sigma)}};
+}
+
+GravityState GravityOf(const Query& query) {
+  const auto& prior = query.priors.gravity;
+  if (!prior) return std::nullopt;
+  return {{ToList(prior->down_in_cam), ToList(prior->down_in_world), prior->sigma_deg}};
+}
+
+HeadingState HeadingOf(const Query& query) {
+  const auto& prior = query.priors.heading;
+  if (!prior) return std::nullopt;
+  return {{ToList(prior->right_in_cam), ToList(prior->right_in_world), ToList(prior->down_in_world),
+           prior->sigma_deg}};
+}
+
+OrientationState OrientationOf(const Query& query) {
+  const auto& prior = query.priors.orientation;
+  if (!prior) return std::nullopt;
+  const Eigen::Quaterniond& q = prior->cam_from_world;
+  return {{List{q.w(), q.x(), q.y(), q.z()}, prior->sigma_deg}};
+}
+
+RangeArgument RangeOf(const Query& query) {
+  const auto& prior = query.priors.range;
+  if (!prior) return std::nullopt;
+  return {{prior->range, prior->sigma}};
+}
+
+RigState RigOf(const Query& query) {
+  if (!query.rig) return std::nullopt;
+  return {{query.rig->frame, query.rig->sensor, query.rig->cam_from_rig}};
+}
+
+using RigArgument = std::optional<std::tuple<std::string, int, PoseLike>>;
+
+Query MakeQuery(const std::string& name, const std::optional<CameraLike>& camera,
+                const std::optional<PathLike>& images, const PriorArguments& priors,
+                const RigArgument& rig) {
+  if (camera.has_value() == images.has_value()) {
+    throw InputError("camera: expected it, or images, the folder of a photograph that tells it");
+  }
+  Query query = WithPriors(camera ? Query{name, ToCamera(*camera)}
+                                  : QueryOfUnknownCamera(name, ToPath(*images, "images")),
+                           ToPriors(priors));
+  if (rig) {
+    const auto& [frame, sensor, cam_from_rig] = *rig;
+    query.rig = {frame, sensor, ToPose(cam_from_rig)};
+  }
+  return query;
+}
+
 py::tuple StateOf(const Query& query) {
-  const auto list = [](const Eigen::Vector3d& v) { return std::array{v.x(), v.y(), v.z()}; };
-  py::object position = py::none(), gravity = py::none();
-  if (const auto& prior = query.priors.position) {
-    position = py::make_tuple(list(prior->position), list(prior->sigma));
-  }
-  if (const auto& prior = query.priors.gravity) {
-    gravity =
-        py::make_tuple(list(prior->down_in_cam), list(prior->down_in_world), prior->sigma_deg);
-  }
-  py::object rig = py::none();
-  if (query.rig) {
-    rig = py::make_tuple(query.rig->frame, query.rig->sensor, query.rig->cam_from_rig);
-  }
-  std::optional<HeadingState> heading;
-  if (const auto& prior = query.priors.heading) {
-    heading = {list(prior->right_in_cam), list(prior->right_in_world), list(prior->down_in_world),
-               prior->sigma_deg};
-  }
-  std::optional<OrientationState> orientation;
-  if (const auto& prior = query.priors.orientation) {
-    const Eigen::Quaterniond& q = prior->cam_from_world;
-    orientation = {{q.w(), q.x(), q.y(), q.z()}, prior->sigma_deg};
-  }
-  std::optional<std::array<double, 2>> range;
-  if (const auto& prior = query.priors.range) range = {prior->range, prior->sigma};
-  return py::make_tuple(query.name, query.camera, position, gravity, query.priors.focal_sigma,
-                        query.priors.focal_range, rig, heading, orientation, range);
+  return py::make_tuple(query.name, query.camera, PositionOf(query), GravityOf(query),
+                        HeadingOf(query), OrientationOf(query), RangeOf(query),
+                        query.priors.focal_sigma, query.priors.focal_range, RigOf(query));
+}
+
+Query QueryOf(const py::tuple& state) {
+  return MakeQuery(state[0].cast<std::string>(), state[1].cast<CameraLike>(), std::nullopt,
+                   {state[2].cast<PositionArgument>(), state[3].cast<GravityArgument>(),
+                    state[4].cast<HeadingArgument>(), state[5].cast<OrientationArgument>(),
+                    state[6].cast<RangeArgument>(), state[7].cast<std::optional<double>>(),
+                    state[8].cast<double>()},
+                   state[9].cast<RigArgument>());
 }
 
 bool EqualsQuery(const Query& query, const py::object& other) {
@@ -263,62 +328,52 @@ void BindQuery(py::module_& module) {
                     "It unpacks as the pair (name, camera), which serves wherever one is an "
                     "argument.")
       .def(
-          py::init([](std::string name, const CameraLike& camera, const PositionArgument& position,
-                      const GravityArgument& gravity, const std::optional<double>& focal_sigma,
-                      double focal_range) {
-            return Query{std::move(name), ToCamera(camera),
-                         ToPriors(position, gravity, focal_sigma, focal_range)};
+          py::init([](const std::string& name, const std::optional<CameraLike>& camera,
+                      const std::optional<PathLike>& images, const PositionArgument& position,
+                      const GravityArgument& gravity, const HeadingArgument& heading,
+                      const OrientationArgument& orientation, const RangeArgument& range,
+                      const std::optional<double>& focal_sigma, double focal_range,
+                      const RigArgument& rig) {
+            return MakeQuery(
+                name, camera, images,
+                {position, gravity, heading, orientation, range, focal_sigma, focal_range}, rig);
           }),
-          py::arg("name"), py::arg("camera"), py::kw_only(), py::arg("position_prior") = none,
-          py::arg("gravity_prior") = none, py::arg("focal_sigma") = none,
-          py::arg("focal_range") = 1.0,
-          R"(position_prior: (position, sigma) of the camera's center in the world, sigma one number or
-one per axis. gravity_prior: (down_in_cam, down_in_world, sigma_deg). focal_sigma: standard
-deviation of the camera's focal length as a share of it. focal_range: it is the camera's up
-to this factor either way.)")
+          py::arg("name"), py::arg("camera") = none, py::kw_only(), py::arg("images") = none,
+          py::arg("position_prior") = none, py::arg("gravity_prior") = none,
+          py::arg("heading_prior") = none, py::arg("orientation_prior") = none,
+          py::arg("range_prior") = none, py::arg("focal_sigma") = none,
+          py::arg("focal_range") = 1.0, py::arg("rig") = none,
+          R"(images: in place of the camera, the folder of the photograph, whose focal length EXIF tells or
+localizing finds. position_prior: (position, sigma) of the camera's center in the world, sigma
+one number or one per axis. gravity_prior: (down_in_cam, down_in_world, sigma_deg).
+heading_prior: (right_in_cam, right_in_world, down_in_world, sigma_deg), of a compass: where y is
+north and z up, a camera that is held upright and looks h clockwise from north has (1, 0, 0) and
+(cos h, -sin h, 0). orientation_prior: (rotation, sigma_deg), of cam_from_world, a quaternion
+(w, x, y, z) or a 3 x 3 matrix. range_prior: (range, sigma), along the optical axis to the
+surface, by a laser. focal_sigma: standard deviation of the camera's focal length as a share of
+it. focal_range: it is the camera's up to this factor either way. rig: (frame, sensor,
+cam_from_rig), for photographs that a rig took at one moment, the frame, with the sensor of this
+index; what is known of the pose is that of the first sensor's.)")
       .def_readonly("name", &Query::name)
       .def_readonly("camera", &Query::camera)
+      .def_property_readonly("position_prior", &PositionOf, "(position, sigma), lists; or None.")
+      .def_property_readonly("gravity_prior", &GravityOf,
+                             "(down_in_cam, down_in_world, sigma_deg), or None.")
+      .def_property_readonly("heading_prior", &HeadingOf,
+                             "(right_in_cam, right_in_world, down_in_world, sigma_deg), or None.")
+      .def_property_readonly("orientation_prior", &OrientationOf,
+                             "(quaternion, sigma_deg) of cam_from_world, (w, x, y, z); or None.")
+      .def_property_readonly("range_prior", &RangeOf, "(range, sigma), or None.")
       .def_property_readonly(
           "focal_sigma", [](const Query& query) { return query.priors.focal_sigma; },
           "None: nothing is known of it.")
       .def_property_readonly("focal_range",
                              [](const Query& query) { return query.priors.focal_range; })
-      .def_property_readonly(
-          "rig",
-          [](const Query& query) -> std::optional<std::pair<std::string, Rigid3>> {
-            if (!query.rig) return std::nullopt;
-            return std::pair(query.rig->frame, query.rig->cam_from_rig);
-          },
-          "The moment it was taken at and cam_from_rig, where a rig took it (read_queries()); or "
-          "None.")
+      .def_property_readonly("rig", &RigOf,
+                             "(frame, sensor, cam_from_rig) where a rig took it, or None.")
       .def("__eq__", &EqualsQuery, py::arg("other"), "With another Query, or a pair.")
       .def("__hash__", [](const Query& query) { return std::hash<std::string>()(query.name); })
-      .def(py::pickle(
-          &StateOf,
-          [](const py::tuple& state) {
-            Query query{
-                state[0].cast<std::string>(), state[1].cast<Camera>(),
-                ToPriors(state[2].cast<PositionArgument>(), state[3].cast<GravityArgument>(),
-                         state[4].cast<std::optional<double>>(), state[5].cast<double>())};
-            if (!state[6].is_none()) {
-              const auto [frame, sensor, cam_from_rig] =
-                  state[6].cast<std::tuple<std::string, int, Rigid3>>();
-              query.rig = {frame, sensor, cam_from_rig};
-            }
-            if (const auto known = state[7].cast<std::optional<HeadingState>>()) {
-              const auto& [in_cam, in_world, down, sigma_deg] = *known;
-              const auto vector = [](const List3& v) { return Eigen::Vector3d(v[0], v[1], v[2]); };
-              query.priors.heading = {vector(in_cam), vector(in_world), vector(down), sigma_deg};
-            }
-            if (const auto known = state[8].cast<std::optional<OrientationState>>()) {
-              const auto& [q, sigma_deg] = *known;
-              query.priors.orientation = {Eigen::Quaterniond(q[0], q[1], q[2], q[3]), sigma_deg};
-            }
-            if (const auto known = state[9].cast<std::optional<std::array<double, 2>>>()) {
-              query.priors.range = {.range = (*known)[0], .sigma = (*known)[1]};
-            }
-            return query;
-          }))
+      .def(py::pickle(py::overload_cast<const Query&>(&StateOf), &QueryOf))
       .def("__iter__",
            [](const Query& query) { return py::iter(py::make_tuple(query.name, query.camera)); })
       .def("__len__", [](const Query&) { return 2; })

@@ -5,6 +5,7 @@
 #include <mutex>
 
 #include "apps/localize_inputs.h"
+#include "apps/matching_options.h"
 #include "apps/python/conversions.h"
 #include "apps/python/estimate_state.h"
 #include "apps/python/geometry_source.h"
@@ -44,6 +45,41 @@ LocalizerOptions TakeLocalizerOptions(Keywords& keywords) {
   return options;
 }
 
+// How references are retrieved, where that is said. Without prior poses, what needs them is of
+// leave_one_out(), where the references' own are taken.
+std::optional<RetrievalOptions> TakeRetrieval(Keywords& keywords, const Scene& scene) {
+  RetrievalFlags flags;
+  std::string method;
+  py::object prior_poses = py::none();
+  std::optional<std::pair<double, double>> view_range;
+  keywords.Take("retrieval", method);
+  keywords.Take("global_features", flags.global_features.references);
+  keywords.Take("query_global_features", flags.global_features.queries);
+  keywords.Take("prior_poses", prior_poses);
+  keywords.Take("max_angle_deg", flags.max_angle_deg);
+  keywords.Take("view_range", view_range);
+  if (!method.empty()) flags.method = ToEnum<RetrievalMethod>("retrieval", method);
+  if (view_range) flags.view_range = {view_range->first, view_range->second};
+  const bool has_poses = !prior_poses.is_none();
+  const bool is_mapping = IsMapping(prior_poses);
+  if (is_mapping) {
+    flags.prior_poses = "a dict";
+  } else if (has_poses) {
+    flags.prior_poses = ToPath(prior_poses.cast<PathLike>(), "prior_poses");
+  }
+  if (!flags.Any()) return std::nullopt;
+  using Queries = RetrievalFlags::Queries;
+  const std::vector<std::string> surfaces(scene.Surface() == nullptr ? 0 : 1, "mesh:");
+  RetrievalOptions options =
+      flags.Resolve(surfaces, has_poses ? Queries::kOwn : Queries::kReferences);
+  if (is_mapping) {
+    options.prior_poses = ToNamedPoses(prior_poses, "prior_poses");
+  } else if (has_poses) {
+    flags.ReadPriorPoses(&options);
+  }
+  return options;
+}
+
 MatchingOptions TakeMatchingOptions(Keywords& keywords, const Scene& scene,
                                     const OwnMatching& own) {
   MatchingOptions options;
@@ -68,6 +104,10 @@ MatchingOptions TakeMatchingOptions(Keywords& keywords, const Scene& scene,
         "an extractor or matcher makes matches, which features, matches and pairs give");
   }
   if (given.Any()) options.hloc = given.files;
+  options.retrieval = TakeRetrieval(keywords, scene);
+  if (given.Any() && options.retrieval) {
+    throw OptionError("retrieval goes without files of matches, which name the references");
+  }
   keywords.Take("min_match_score", options.reading.min_score);
   keywords.Take("first_pixel", options.reading.first_pixel);
   keywords.Take("cell_px", options.reading.cell_px);
@@ -172,11 +212,7 @@ using CameraArgument = std::optional<CameraLike>;
 // The query with what is known of it; `unknown` says what there is to know without a camera.
 Query AskedQuery(const std::string& name, const CameraArgument& camera, PosePriors priors,
                  const std::function<Query()>& unknown) {
-  if (camera) return {name, ToCamera(*camera), std::move(priors)};
-  const Query query = unknown();
-  if (priors.focal_range == 1) priors.focal_range = query.priors.focal_range;
-  if (!priors.focal_sigma) priors.focal_sigma = query.priors.focal_sigma;
-  return {name, query.camera, std::move(priors)};
+  return WithPriors(camera ? Query{name, ToCamera(*camera)} : unknown(), std::move(priors));
 }
 
 ResultPointer LocalizePhotograph(SceneLocalizer& localizer, const Query& asked,
@@ -207,9 +243,17 @@ ResultPointer LocalizeFeatures(SceneLocalizer& localizer, const Query& asked,
 ResultPointer LocalizeOne(SceneLocalizer& localizer, const py::object& query,
                           const CameraArgument& camera, const std::string& name,
                           const PositionArgument& position, const GravityArgument& gravity,
-                          const std::optional<double>& focal_sigma, double focal_range) {
-  const PosePriors priors = ToPriors(position, gravity, focal_sigma, focal_range);
-  if (query.is_none()) throw InputError("query: expected a photograph or features, found None");
+                          const HeadingArgument& heading, const OrientationArgument& orientation,
+                          const RangeArgument& range, const std::optional<double>& focal_sigma,
+                          double focal_range) {
+  const PosePriors priors =
+      ToPriors({position, gravity, heading, orientation, range, focal_sigma, focal_range});
+  const auto& retrieval = localizer.matching().retrieval;
+  if (retrieval && retrieval->method != RetrievalMethod::kVlad) {
+    throw OptionError("retrieval", std::string(ToString(retrieval->method)),
+                      "is for localize_all(): those of a single query are retrieved by vlad");
+  }
+  if (query.is_none()) throw WrongType("query: expected a photograph or features, found None");
   if (IsMapping(query)) {
     const Query asked = AskedQuery(name, camera, priors, []() -> Query {
       throw InputError("camera: expected that of the features, found None");
@@ -286,9 +330,12 @@ ResultPointer LocalizeMatches(const SceneLocalizer& localizer, const CameraLike&
                               const std::vector<std::string>& reference_names,
                               const std::optional<ArrayLike>& query_keypoints,
                               const std::string& name, const PositionArgument& position,
-                              const GravityArgument& gravity,
+                              const GravityArgument& gravity, const HeadingArgument& heading,
+                              const OrientationArgument& orientation, const RangeArgument& range,
                               const std::optional<double>& focal_sigma, double focal_range) {
-  const Query asked{name, ToCamera(camera), ToPriors(position, gravity, focal_sigma, focal_range)};
+  const Query asked{
+      name, ToCamera(camera),
+      ToPriors({position, gravity, heading, orientation, range, focal_sigma, focal_range})};
   QueryMatches matches =
       ToMatches(asked, Rows<2>(query2d, "query2d"), Rows<2>(reference2d, "reference2d"),
                 reference_names, query_keypoints, localizer.scene().references.images);
@@ -322,6 +369,16 @@ py::dict LocalizeList(SceneLocalizer& localizer, const std::vector<QueryLike>& q
                       const std::optional<ProgressCall>& progress) {
   std::vector<Query> asked;
   for (const QueryLike& query : queries) asked.push_back(ToQuery(query));
+  if (const auto& retrieval = localizer.matching().retrieval) {
+    const bool by_pose = retrieval->method == RetrievalMethod::kPose ||
+                         retrieval->method == RetrievalMethod::kOverlap;
+    if (retrieval->method == RetrievalMethod::kCovisibility ||
+        (by_pose && retrieval->prior_poses.empty())) {
+      throw OptionError("retrieval", std::string(ToString(retrieval->method)),
+                        by_pose ? "needs prior_poses, but for leave_one_out()"
+                                : "is for leave_one_out(): queries observe no points of the model");
+    }
+  }
   return LocalizeInParallel(localizer, asked, localizer.matching(), threads, progress);
 }
 
@@ -329,6 +386,9 @@ py::dict LeaveOneOut(SceneLocalizer& localizer, int threads,
                      const std::optional<ProgressCall>& progress) {
   MatchingOptions matching = localizer.matching();
   matching.front_end.among_references = true;
+  if (matching.retrieval) {
+    matching.retrieval->prior_poses = PosesOf(localizer.scene().references);
+  }
   return LocalizeInParallel(localizer, QueriesOf(localizer.scene().references), matching, threads,
                             progress);
 }
@@ -458,12 +518,19 @@ returns its global descriptor (D,), as raylift.onnx.GlobalDescriptor does.
 Each is called one call at a time; pixels count as first_pixel says, by default as OpenCV's,
 whose first pixel's center is (0, 0).
 
+retrieval: how references are found: "vlad"; "global" by global_features (hloc's global-feats
+file; query_global_features: that of the queries, where it is another one); "pose" or
+"overlap" by prior_poses (a COLMAP model, a pose file, or a dict of poses by the queries'
+names), the first within max_angle_deg or by the view_range (near, far) in scene units; or
+"covisibility", of leave_one_out(). All but "vlad" are for localize_all() and leave_one_out().
+
 Raises OptionError for an option out of range.)")
       .def(
           "localize", &LocalizeOne, py::arg("query"), py::arg("camera") = py::none(), py::kw_only(),
           py::arg("name") = "query", py::arg("position_prior") = py::none(),
-          py::arg("gravity_prior") = py::none(), py::arg("focal_sigma") = py::none(),
-          py::arg("focal_range") = 1.0,
+          py::arg("gravity_prior") = py::none(), py::arg("heading_prior") = py::none(),
+          py::arg("orientation_prior") = py::none(), py::arg("range_prior") = py::none(),
+          py::arg("focal_sigma") = py::none(), py::arg("focal_range") = 1.0,
           R"(One query: a photograph, (H, W) or (H, W, 3) uint8, RGB, or its file; or features, a dict
 with keypoints (N, 2) and descriptors (N, D), as the references have. Priors and focal_...
 as of raylift.Query. camera=None: of a photograph, the lens is found with the pose
@@ -476,7 +543,9 @@ Returns a LocalizedQuery. Raises InputError where a photograph is not of the cam
           py::arg("reference2d"), py::arg("reference_names"), py::kw_only(),
           py::arg("query_keypoints") = py::none(), py::arg("name") = "query",
           py::arg("position_prior") = py::none(), py::arg("gravity_prior") = py::none(),
-          py::arg("focal_sigma") = py::none(), py::arg("focal_range") = 1.0,
+          py::arg("heading_prior") = py::none(), py::arg("orientation_prior") = py::none(),
+          py::arg("range_prior") = py::none(), py::arg("focal_sigma") = py::none(),
+          py::arg("focal_range") = 1.0,
           R"(One query by matches of one's own: pixels (M, 2) of the query and of references, and the
 references' names (M,). query_keypoints: (M,), where it is known which keypoint of the
 query a match is of. Priors and focal_... as of raylift.Query.

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 import raylift
 from raylift import _types
-from synthetic import CAMERA, Problem, pose, some
+from synthetic import CAMERA, Problem, angle_deg, pose, some
 
 METHODS = ["p3p", "e5p1", "adaptive", "select", "hybrid_ransac", "hloc"]
 
@@ -172,6 +172,18 @@ def test_priors_of_position_and_gravity() -> None:
     tilted = some(upright.cam_from_world).rotation @ down - rotation @ down
     assert np.degrees(np.linalg.norm(tilted) / 2) < 0.01
     assert some(plain.cam_from_world).matrix.tolist() != some(exact.cam_from_world).matrix.tolist()
+    turned = raylift.estimate_pose(*arguments, method="p3p", orientation_prior=(rotation, 0.02))
+    assert angle_deg(some(turned.cam_from_world), problem.truth) < 0.01 < angle_deg(
+        some(plain.cam_from_world), problem.truth)
+    right = rotation.T @ [1, 0, 0]
+    headed = raylift.estimate_pose(*arguments, method="p3p", heading_prior=(
+        [1, 0, 0], right * [1, 1, 0], [0, 0, -1], 0.01))
+
+    def heading_error_deg(estimate: raylift.PoseEstimate) -> float:
+        found = some(estimate.cam_from_world).rotation.T @ [1, 0, 0]
+        return abs(float(np.degrees(np.arctan2(*found[:2]) - np.arctan2(*right[:2]))))
+
+    assert heading_error_deg(headed) < 1e-3 < 0.05 < heading_error_deg(plain)
     with pytest.raises(raylift.InputError, match=r"position_prior: expected an array of shape \(3,\)"):
         raylift.estimate_pose(*arguments, position_prior=([1, 2], 1))
     with pytest.raises(raylift.InputError, match="gravity_prior, down_in_cam: expected a direction"):

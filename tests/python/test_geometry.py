@@ -122,3 +122,16 @@ def test_poses_do_as_those_of_pycolmap_do() -> None:
         pose.transform([[1, 2]])
     with pytest.raises(TypeError):
         5 @ pose  # type: ignore[operator]
+
+
+def test_names_that_others_have() -> None:
+    camera = raylift.Camera.from_matrix(np.array([[500, 0, 320.5], [0, 510, 240.5], [0, 0, 1]]), 640, 480)
+    assert camera == raylift.Camera("PINHOLE", 640, 480, [500, 510, 320.5, 240.5])
+    assert raylift.Camera.from_matrix(camera.matrix, camera.width, camera.height) == camera
+    for wrong in np.eye(4), np.eye(3) + np.eye(3, k=1), 2 * np.eye(3):
+        with pytest.raises(raylift.InputError, match="^matrix: expected"):
+            raylift.Camera.from_matrix(wrong, 640, 480)
+    for matrix in P.matrix, P.matrix[:3]:
+        assert raylift.Rigid3.from_matrix(matrix).matrix == pytest.approx(P.matrix, abs=1e-15)
+    with pytest.raises(raylift.InputError, match="pose: expected a 4 x 4 or 3 x 4 matrix"):
+        raylift.Rigid3.from_matrix(np.eye(3))

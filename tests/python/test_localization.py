@@ -1,3 +1,4 @@
+import copy
 import inspect
 import json
 import os
@@ -12,7 +13,7 @@ import pytest
 
 import raylift
 from scenes import DEMO, MESH, HlocScene, truth
-from synthetic import CAMERA, some
+from synthetic import CAMERA, angle_deg, some
 
 PHOTOGRAPHS = ["query/query_02.jpg", "query/query_05.jpg"]
 
@@ -302,6 +303,13 @@ def test_queries_with_what_is_known_beforehand(localizer: raylift.Localizer,
     (dict(position_prior=([0, 0, 0], -1)), "position_prior, sigma: expected at least 0"),
     (dict(gravity_prior=([0, 0, 0], [0, 0, 1], 1)), "down_in_cam: expected a direction"),
     (dict(gravity_prior=([0, 0, 1], [0, 0, 1], float("nan"))), "sigma_deg: expected at least 0"),
+    (dict(position_prior=([0, np.nan, 0], 1)), "position_prior: expected finite numbers"),
+    (dict(heading_prior=([1, 0, 0], [0, 0, 1], [0, 0, -1], 1)), "heading_prior, down_in_world: expected another"),
+    (dict(heading_prior=([1, 0, 0], [0, 0, 0], [0, 0, -1], 1)), "right_in_world: expected a direction"),
+    (dict(orientation_prior=(np.eye(4), 1)), "orientation_prior, rotation: expected .* found 16 numbers"),
+    (dict(orientation_prior=([1, 0, 0, 0], -1)), "orientation_prior, sigma_deg: expected at least 0"),
+    (dict(range_prior=(0, 1)), "range_prior: expected a positive range"),
+    (dict(range_prior=(float("inf"), 1)), "range_prior: expected a positive range"),
 ])
 def test_wrong_priors_are_input_errors(localizer: raylift.Localizer, priors: dict[str, Any],
                                        message: str) -> None:
@@ -365,7 +373,8 @@ def test_photographs_of_a_rig_are_localized_together(localizer: raylift.Localize
          "cam_from_rig_translation": second_from_first.tvec.tolist()}]}]))
     raylift.write_queries(tmp_path / "list.txt", [(link, cameras()[name]) for link, name in zip(links, names)])
     queries = raylift.read_queries(tmp_path / "list.txt", rigs=tmp_path / "rigs.json")
-    assert some(queries[0].rig)[0] == some(queries[1].rig)[0] and some(queries[1].rig)[1] == second_from_first
+    assert some(queries[0].rig)[:2] == (some(queries[1].rig)[0], 0) and some(queries[1].rig)[1:] == (2, second_from_first)
+    assert [raylift.Query(*query, rig=query.rig) for query in queries] == queries
     assert pickle.loads(pickle.dumps(queries)) == queries != raylift.read_queries(tmp_path / "list.txt")
     scene = raylift.Scene(DEMO / "model", [MESH], images=DEMO / "images")
     found = raylift.Localizer(scene, max_features=1500, query_images=tmp_path).localize_all(queries)
@@ -411,3 +420,118 @@ def test_features_of_a_resized_photograph_are_refused() -> None:
             localizer(wrong)
     with pytest.raises(raylift.InputError, match="features, descriptors: expected finite numbers"):
         localizer(pixels, np.full((4, 8), np.inf))
+
+
+def test_all_that_is_known_of_a_query_in_memory(localizer: raylift.Localizer, tmp_path: Path) -> None:
+    name = PHOTOGRAPHS[0]
+    camera, pose = cameras()[name], truth()[name].cam_from_world
+    known: dict[str, Any] = dict(
+        position_prior=(pose.center, 0.5), gravity_prior=([0, 1, 0], [0, 0, -1], 2),
+        heading_prior=([1, 0, 0], [0, -1, 0], [0, 0, -1], 3), orientation_prior=(pose.rotation, 4),
+        range_prior=(2.5, 0.1), focal_sigma=0.1, focal_range=1.5, rig=("1", 2, pose))
+    query = raylift.Query(name, camera, **known)
+    assert query.position_prior == (pose.center.tolist(), [0.5] * 3)
+    assert query.gravity_prior == ([0, 1, 0], [0, 0, -1], 2)
+    assert query.heading_prior == ([1, 0, 0], [0, -1, 0], [0, 0, -1], 3)
+    quaternion, sigma = some(query.orientation_prior)
+    assert quaternion == pytest.approx(pose.qvec.tolist(), abs=1e-12) and sigma == 4
+    assert query.range_prior == (2.5, 0.1) and query.rig == ("1", 2, pose)
+    arguments = {key: getattr(query, key) for key in known}
+    again = raylift.Query(name, camera, **arguments)
+    assert again == query == pickle.loads(pickle.dumps(query)) == copy.copy(query)
+    plain = raylift.Query(name, camera)
+    for key in known:
+        assert getattr(plain, key) == (1 if key == "focal_range" else None)
+        assert raylift.Query(name, camera, **{key: arguments[key]}) != plain
+
+    # The same as of the program's files.
+    (tmp_path / "list.txt").write_text(f"{name} {camera}\n")
+    qvec = " ".join(map(repr, pose.qvec.tolist()))
+    (tmp_path / "priors.txt").write_text(
+        f"{name} heading 90 3\n{name} orientation {qvec} 4\n{name} range 2.5 0.1\n{name} focal_range 1.5\n")
+    [read] = raylift.read_queries(tmp_path / "list.txt", priors=tmp_path / "priors.txt")
+    assert some(read.heading_prior)[1] == pytest.approx([0, -1, 0], abs=1e-12)
+    assert read.range_prior == query.range_prior and read.focal_range == query.focal_range
+    assert some(read.orientation_prior)[0] == pose.qvec.tolist()
+
+    right = pose.rotation.T @ [1, 0, 0]
+
+    def heading_error_deg(found: raylift.LocalizedQuery) -> float:
+        x, y, _ = some(found.cam_from_world).rotation.T @ [1, 0, 0]
+        return abs(float(np.degrees(np.arctan2(y, x) - np.arctan2(right[1], right[0]))))
+
+    photograph = DEMO / "images" / name
+    free = localizer.localize(photograph, camera, name=name)
+    turned = localizer.localize(photograph, camera, name=name, orientation_prior=(pose.rotation, 0.01))
+    assert angle_deg(some(turned.cam_from_world), pose) < 0.5 * angle_deg(some(free.cam_from_world), pose)
+    headed = localizer.localize(photograph, camera, name=name, heading_prior=(
+        [1, 0, 0], right * [1, 1, 0], [0, 0, -1], 0.01))
+    assert heading_error_deg(headed) < 0.5 * heading_error_deg(free)
+
+
+def test_a_query_of_a_photograph_alone(tmp_path: Path) -> None:
+    name = PHOTOGRAPHS[0]
+    (tmp_path / "names.txt").write_text(name + "\n")
+    [listed] = raylift.read_queries(tmp_path / "names.txt", images=DEMO / "images")
+    query = raylift.Query(name, images=DEMO / "images")
+    assert query == listed and query.focal_range > 1
+    assert raylift.Query(name, images=DEMO / "images", focal_range=1.1).focal_range == 1.1
+    for camera, images in (None, None), (CAMERA, DEMO / "images"):
+        with pytest.raises(raylift.InputError, match="camera: expected it, or images"):
+            raylift.Query(name, camera, images=images)
+    with pytest.raises(raylift.InputError, match="missing.jpg"):
+        raylift.Query("missing.jpg", images=DEMO / "images")
+
+
+def test_references_are_retrieved_in_each_way(tmp_path: Path) -> None:
+    scene = raylift.Scene(DEMO / "model", [MESH], images=DEMO / "images", every=3)
+    options: dict[str, Any] = dict(max_features=1000, top_k=3, max_angle_deg=90, cache=tmp_path / "cache")
+    queries = [raylift.Query(name, cameras()[name]) for name in PHOTOGRAPHS]
+    poses = {name: truth()[name].cam_from_world for name in PHOTOGRAPHS}
+    raylift.write_poses(tmp_path / "poses.txt", poses)
+    ways: list[dict[str, Any]] = [
+        dict(retrieval="pose", prior_poses=poses), dict(retrieval="pose", prior_poses=tmp_path / "poses.txt"),
+        dict(retrieval="pose", prior_poses=poses, view_range=(1, 3)), dict(retrieval="overlap", prior_poses=poses)]
+    names = []
+    for way in ways:
+        found = raylift.Localizer(scene, **way, **options).localize_all(queries)
+        names.append([[r.name for r in found[name].problem.references] for name in PHOTOGRAPHS])
+    pairs = raylift.retrieve(tmp_path / "pairs.txt", model=DEMO / "model", every=3, queries=DEMO / "queries.txt",
+                             retrieval="pose", prior_poses=DEMO / "ground_truth", top_k=3, max_angle_deg=90)
+    assert names[0] == names[1] == [pairs[name] for name in PHOTOGRAPHS]
+    assert all(1 <= len(of_query) <= 3 for way in names for of_query in way) and names[0] != names[2] != names[3]
+
+    by_pose = raylift.Localizer(scene, retrieval="pose", **options)
+    alone = by_pose.leave_one_out()
+    assert all(len(query.problem.references) <= 3 for query in alone.values())
+    with pytest.raises(raylift.OptionError, match=r"retrieval = pose: needs prior_poses, but for leave_one_out\(\)"):
+        by_pose.localize_all(queries)
+    with pytest.raises(raylift.OptionError, match=r"retrieval = pose: is for localize_all\(\)"):
+        by_pose.localize(DEMO / "images" / PHOTOGRAPHS[0])
+
+
+@pytest.mark.parametrize("options, message", [
+    (dict(retrieval="best"), "retrieval = best: expected vlad"),
+    (dict(retrieval="global"), "retrieval global needs global_features"),
+    (dict(prior_poses={}), "prior_poses goes with retrieval pose or overlap"),
+    (dict(view_range=(1, 2)), "view_range goes with retrieval pose"),
+    (dict(retrieval="pose", view_range=(2, 1)), "view_range = 2,1: expected NEAR,FAR"),
+    (dict(view_range=5), r"view_range = 5: expected \(near, far\)"),
+    (dict(max_angle_deg=0, retrieval="pose"), "max_angle_deg = 0"),
+    (dict(retrieval="overlap", prior_poses={}), "retrieval overlap needs geometry"),
+    (dict(retrieval="vlad", matches="a", features="b", pairs="c"), "retrieval goes without files of matches"),
+])
+def test_wrong_options_of_retrieval(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(raylift.OptionError, match=message):
+        raylift.Localizer(raylift.Scene(DEMO / "model"), **options)
+
+
+def test_queries_that_become_references(hloc: HlocScene, tmp_path: Path) -> None:
+    raylift.localize(tmp_path / "out", model=DEMO / "model", geometry=MESH, images=DEMO / "images", every=4,
+                     queries=hloc.query_list, top_k=4, max_features=1500, continuous=True,
+                     write_problems=tmp_path / "problems")
+    problems = [raylift.PoseProblem.read(file) for file in (tmp_path / "problems").rglob("*.json")]
+    assert sorted(problem.name for problem in problems) == sorted(query.name for query in hloc.queries)
+    references = {reference.name for problem in problems for reference in problem.references}
+    assert "query/query_02.jpg" in references
+    hloc.expect_near("query/query_02.jpg", raylift.read_poses(tmp_path / "out/poses.txt")["query/query_02.jpg"], 0.1)

@@ -33,6 +33,13 @@ class Camera:
     params...", a dict with model, width, height and params, and pycolmap's cameras serve, too.
     """
     @staticmethod
+    def from_matrix(matrix: numpy.typing.ArrayLike, width: typing.SupportsInt | typing.SupportsIndex, height: typing.SupportsInt | typing.SupportsIndex) -> Camera:
+        """
+        A PINHOLE from the 3 x 3 matrix of its focal lengths and principal point, that of
+        Camera.matrix. Where the center of the first pixel is (0, 0), as OpenCV's, 0.5 is to be added to
+        the principal point.
+        """
+    @staticmethod
     def of(camera: raylift._types.CameraLike) -> Camera:
         """
         From anything that an argument `camera` may be.
@@ -104,6 +111,11 @@ class Rigid3:
     Wherever a pose is an argument, a 4 x 4 or 3 x 4 matrix, a pair (qvec, tvec), a dict with
     these keys, and the poses of pycolmap and PoseLib serve, too.
     """
+    @staticmethod
+    def from_matrix(matrix: numpy.typing.ArrayLike) -> Rigid3:
+        """
+        From a 4 x 4 or 3 x 4 matrix, that of Rigid3.matrix.
+        """
     @staticmethod
     def of(pose: raylift._types.PoseLike) -> Rigid3:
         """
@@ -196,12 +208,19 @@ class Query(tuple[str, Camera]):
         ...
     def __hash__(self) -> int:
         ...
-    def __init__(self, name: str, camera: raylift._types.CameraLike, *, position_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike] | None = None, gravity_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike, typing.SupportsFloat | typing.SupportsIndex] | None = None, focal_sigma: typing.SupportsFloat | typing.SupportsIndex | None = None, focal_range: typing.SupportsFloat | typing.SupportsIndex = 1.0) -> None:
+    def __init__(self, name: str, camera: raylift._types.CameraLike | None = None, *, images: raylift._types.PathLike | None = None, position_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike] | None = None, gravity_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike, typing.SupportsFloat | typing.SupportsIndex] | None = None, heading_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike, numpy.typing.ArrayLike, typing.SupportsFloat | typing.SupportsIndex] | None = None, orientation_prior: tuple[numpy.typing.ArrayLike, typing.SupportsFloat | typing.SupportsIndex] | None = None, range_prior: tuple[typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex] | None = None, focal_sigma: typing.SupportsFloat | typing.SupportsIndex | None = None, focal_range: typing.SupportsFloat | typing.SupportsIndex = 1.0, rig: tuple[str, typing.SupportsInt | typing.SupportsIndex, raylift._types.PoseLike] | None = None) -> None:
         """
-        position_prior: (position, sigma) of the camera's center in the world, sigma one number or
-        one per axis. gravity_prior: (down_in_cam, down_in_world, sigma_deg). focal_sigma: standard
-        deviation of the camera's focal length as a share of it. focal_range: it is the camera's up
-        to this factor either way.
+        images: in place of the camera, the folder of the photograph, whose focal length EXIF tells or
+        localizing finds. position_prior: (position, sigma) of the camera's center in the world, sigma
+        one number or one per axis. gravity_prior: (down_in_cam, down_in_world, sigma_deg).
+        heading_prior: (right_in_cam, right_in_world, down_in_world, sigma_deg), of a compass: where y is
+        north and z up, a camera that is held upright and looks h clockwise from north has (1, 0, 0) and
+        (cos h, -sin h, 0). orientation_prior: (rotation, sigma_deg), of cam_from_world, a quaternion
+        (w, x, y, z) or a 3 x 3 matrix. range_prior: (range, sigma), along the optical axis to the
+        surface, by a laser. focal_sigma: standard deviation of the camera's focal length as a share of
+        it. focal_range: it is the camera's up to this factor either way. rig: (frame, sensor,
+        cam_from_rig), for photographs that a rig took at one moment, the frame, with the sensor of this
+        index; what is known of the pose is that of the first sensor's.
         """
     def __repr__(self) -> str:
         ...
@@ -219,12 +238,37 @@ class Query(tuple[str, Camera]):
         None: nothing is known of it.
         """
     @property
+    def gravity_prior(self) -> tuple[list[float], list[float], float] | None:
+        """
+        (down_in_cam, down_in_world, sigma_deg), or None.
+        """
+    @property
+    def heading_prior(self) -> tuple[list[float], list[float], list[float], float] | None:
+        """
+        (right_in_cam, right_in_world, down_in_world, sigma_deg), or None.
+        """
+    @property
     def name(self) -> str:
         ...
     @property
-    def rig(self) -> tuple[str, Rigid3] | None:
+    def orientation_prior(self) -> tuple[list[float], float] | None:
         """
-        The moment it was taken at and cam_from_rig, where a rig took it (read_queries()); or None.
+        (quaternion, sigma_deg) of cam_from_world, (w, x, y, z); or None.
+        """
+    @property
+    def position_prior(self) -> tuple[list[float], list[float]] | None:
+        """
+        (position, sigma), lists; or None.
+        """
+    @property
+    def range_prior(self) -> tuple[float, float] | None:
+        """
+        (range, sigma), or None.
+        """
+    @property
+    def rig(self) -> tuple[str, int, Rigid3] | None:
+        """
+        (frame, sensor, cam_from_rig) where a rig took it, or None.
         """
 class PosedImage:
     """
@@ -274,7 +318,7 @@ class PoseProblem:
         """
     def __getstate__(self) -> tuple[str, str]:
         ...
-    def __init__(self, camera: raylift._types.CameraLike, points2d: numpy.typing.ArrayLike | None = None, points3d: numpy.typing.ArrayLike | None = None, *, point_sigmas: numpy.typing.ArrayLike | None = None, point_references: numpy.typing.ArrayLike | None = None, point_keypoints: numpy.typing.ArrayLike | None = None, point_matches: numpy.typing.ArrayLike | None = None, references: collections.abc.Sequence[raylift._types.PosedImageLike] = [], query2d: numpy.typing.ArrayLike | None = None, reference2d: numpy.typing.ArrayLike | None = None, reference_index: numpy.typing.ArrayLike | None = None, reference_sigmas_px: numpy.typing.ArrayLike | None = None, query_keypoints: numpy.typing.ArrayLike | None = None, reference_keypoints: numpy.typing.ArrayLike | None = None, reference_clusters: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex] = [], position_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike] | None = None, gravity_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike, typing.SupportsFloat | typing.SupportsIndex] | None = None, focal_sigma: typing.SupportsFloat | typing.SupportsIndex | None = None, name: str = '') -> None:
+    def __init__(self, camera: raylift._types.CameraLike, points2d: numpy.typing.ArrayLike | None = None, points3d: numpy.typing.ArrayLike | None = None, *, point_sigmas: numpy.typing.ArrayLike | None = None, point_references: numpy.typing.ArrayLike | None = None, point_keypoints: numpy.typing.ArrayLike | None = None, point_matches: numpy.typing.ArrayLike | None = None, references: collections.abc.Sequence[raylift._types.PosedImageLike] = [], query2d: numpy.typing.ArrayLike | None = None, reference2d: numpy.typing.ArrayLike | None = None, reference_index: numpy.typing.ArrayLike | None = None, reference_sigmas_px: numpy.typing.ArrayLike | None = None, query_keypoints: numpy.typing.ArrayLike | None = None, reference_keypoints: numpy.typing.ArrayLike | None = None, reference_clusters: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex] = [], position_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike] | None = None, gravity_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike, typing.SupportsFloat | typing.SupportsIndex] | None = None, heading_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike, numpy.typing.ArrayLike, typing.SupportsFloat | typing.SupportsIndex] | None = None, orientation_prior: tuple[numpy.typing.ArrayLike, typing.SupportsFloat | typing.SupportsIndex] | None = None, focal_sigma: typing.SupportsFloat | typing.SupportsIndex | None = None, name: str = '') -> None:
         """
         The arguments are those of raylift.estimate_pose(), and the camera's focal_sigma.
         """
@@ -842,6 +886,12 @@ class Localizer:
         Each is called one call at a time; pixels count as first_pixel says, by default as OpenCV's,
         whose first pixel's center is (0, 0).
 
+        retrieval: how references are found: "vlad"; "global" by global_features (hloc's global-feats
+        file; query_global_features: that of the queries, where it is another one); "pose" or
+        "overlap" by prior_poses (a COLMAP model, a pose file, or a dict of poses by the queries'
+        names), the first within max_angle_deg or by the view_range (near, far) in scene units; or
+        "covisibility", of leave_one_out(). All but "vlad" are for localize_all() and leave_one_out().
+
         Raises OptionError for an option out of range.
         """
     def leave_one_out(self, *, threads: typing.SupportsInt | typing.SupportsIndex = 0, progress: raylift._types.Progress | None = None) -> dict[str, LocalizedQuery]:
@@ -849,7 +899,7 @@ class Localizer:
         Each reference as a query of the others: what is to be expected where no query's pose
         is known. Returns a dict by name.
         """
-    def localize(self, query: raylift._types.PhotographLike, camera: raylift._types.CameraLike | None = None, *, name: str = 'query', position_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike] | None = None, gravity_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike, typing.SupportsFloat | typing.SupportsIndex] | None = None, focal_sigma: typing.SupportsFloat | typing.SupportsIndex | None = None, focal_range: typing.SupportsFloat | typing.SupportsIndex = 1.0) -> LocalizedQuery:
+    def localize(self, query: raylift._types.PhotographLike, camera: raylift._types.CameraLike | None = None, *, name: str = 'query', position_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike] | None = None, gravity_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike, typing.SupportsFloat | typing.SupportsIndex] | None = None, heading_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike, numpy.typing.ArrayLike, typing.SupportsFloat | typing.SupportsIndex] | None = None, orientation_prior: tuple[numpy.typing.ArrayLike, typing.SupportsFloat | typing.SupportsIndex] | None = None, range_prior: tuple[typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex] | None = None, focal_sigma: typing.SupportsFloat | typing.SupportsIndex | None = None, focal_range: typing.SupportsFloat | typing.SupportsIndex = 1.0) -> LocalizedQuery:
         """
         One query: a photograph, (H, W) or (H, W, 3) uint8, RGB, or its file; or features, a dict
         with keypoints (N, 2) and descriptors (N, D), as the references have. Priors and focal_...
@@ -864,11 +914,14 @@ class Localizer:
         Many queries, Query or (name, camera) each, whose photographs or matches are in files. Of
         photographs the results are those of localize(). Returns a dict by name.
         """
-    def localize_matches(self, camera: raylift._types.CameraLike, query2d: numpy.typing.ArrayLike, reference2d: numpy.typing.ArrayLike, reference_names: collections.abc.Sequence[str], *, query_keypoints: numpy.typing.ArrayLike | None = None, name: str = 'query', position_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike] | None = None, gravity_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike, typing.SupportsFloat | typing.SupportsIndex] | None = None, focal_sigma: typing.SupportsFloat | typing.SupportsIndex | None = None, focal_range: typing.SupportsFloat | typing.SupportsIndex = 1.0) -> LocalizedQuery:
+    def localize_matches(self, camera: raylift._types.CameraLike, query2d: numpy.typing.ArrayLike, reference2d: numpy.typing.ArrayLike, reference_names: collections.abc.Sequence[str], *, query_keypoints: numpy.typing.ArrayLike | None = None, name: str = 'query', position_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike] | None = None, gravity_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike, typing.SupportsFloat | typing.SupportsIndex] | None = None, heading_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike, numpy.typing.ArrayLike, typing.SupportsFloat | typing.SupportsIndex] | None = None, orientation_prior: tuple[numpy.typing.ArrayLike, typing.SupportsFloat | typing.SupportsIndex] | None = None, range_prior: tuple[typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex] | None = None, focal_sigma: typing.SupportsFloat | typing.SupportsIndex | None = None, focal_range: typing.SupportsFloat | typing.SupportsIndex = 1.0) -> LocalizedQuery:
         """
         One query by matches of one's own: pixels (M, 2) of the query and of references, and the
         references' names (M,). query_keypoints: (M,), where it is known which keypoint of the
         query a match is of. Priors and focal_... as of raylift.Query.
+
+        Matches outside of their images are left out of the result's problem; InputError where most
+        matches with a reference are, as those of resized images.
         """
     def write_calibration(self, file: raylift._types.PathLike) -> None:
         """

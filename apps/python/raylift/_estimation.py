@@ -32,6 +32,8 @@ def estimate_pose(
     reference_clusters: Sequence[int] = (),
     position_prior: Optional[Tuple[ArrayLike, ArrayLike]] = None,
     gravity_prior: Optional[Tuple[ArrayLike, ArrayLike, float]] = None,
+    heading_prior: Optional[Tuple[ArrayLike, ArrayLike, ArrayLike, float]] = None,
+    orientation_prior: Optional[Tuple[ArrayLike, float]] = None,
     initial_pose: Optional[PoseLike] = None,
     name: str = "",
     points2D: Optional[ArrayLike] = None,
@@ -57,6 +59,7 @@ def estimate_pose(
     position_prior: (position, sigma) of the camera's center in the world, sigma one number or one per
         axis; 0: exact.
     gravity_prior: (down_in_cam, down_in_world, sigma_deg), directions of any length.
+    heading_prior, orientation_prior: as of raylift.Query.
     initial_pose: cam_from_world near which the pose is; RANSAC is then left out, as in refine_pose().
     points2D, points3D: points2d and points3d by the names that pycolmap and PoseLib give them.
     name: the photograph's; random choices depend on it and on `seed` alone.
@@ -89,6 +92,8 @@ def estimate_pose(
         reference_clusters=reference_clusters,
         position_prior=position_prior,
         gravity_prior=gravity_prior,
+        heading_prior=heading_prior,
+        orientation_prior=orientation_prior,
         name=name,
     )
     if initial_pose is not None:

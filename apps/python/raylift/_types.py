@@ -213,6 +213,12 @@ class LocalizerOptions(HlocOptions, total=False):
     matches: PathLike
     pairs: PathLike
     top_k: int
+    retrieval: Literal["vlad", "global", "pose", "overlap", "covisibility"]
+    global_features: PathLike
+    query_global_features: PathLike
+    prior_poses: Union[PathLike, Mapping[str, PoseLike]]
+    max_angle_deg: float
+    view_range: Tuple[float, float]
 
 
 class QueryOptions(TypedDict, total=False):
@@ -221,6 +227,9 @@ class QueryOptions(TypedDict, total=False):
     name: str
     position_prior: Optional[Tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike]]
     gravity_prior: Optional[Tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike, float]]
+    heading_prior: Optional[Tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike, numpy.typing.ArrayLike, float]]
+    orientation_prior: Optional[Tuple[numpy.typing.ArrayLike, float]]
+    range_prior: Optional[Tuple[float, float]]
     focal_sigma: Optional[float]
     focal_range: float
 
