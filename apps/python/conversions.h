@@ -6,6 +6,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <filesystem>
 #include <functional>
 #include <limits>
@@ -282,15 +283,50 @@ inline py::array_t<bool> ToArray(const std::vector<bool>& flags) {
   return array;
 }
 
-// Objects that pickle, copy and compare by a state, from which `make` makes them anew.
+// The numbers of a list as they lie in memory, and back.
+template <typename T>
+py::bytes ToBytes(const std::vector<T>& values) {
+  return {reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T)};
+}
+template <typename T>
+void FromBytes(const py::handle& state, std::vector<T>& values) {
+  const auto bytes = state.cast<std::string_view>();
+  values.resize(bytes.size() / sizeof(T));
+  if (values.empty()) return;  // null is no memory to copy to
+  std::memcpy(static_cast<void*>(values.data()), bytes.data(), values.size() * sizeof(T));
+}
+
+// Objects that pickle, copy and compare by a state, from which `make` makes them anew. Those without
+// one (InputError says why) equal themselves alone.
 template <typename T, typename... Bound, typename StateOf, typename Make>
 void BindState(py::class_<T, Bound...>& bound, const StateOf& state_of, const Make& make) {
   const auto equals = [state_of](const T& one, const py::object& other) {
-    return py::isinstance<T>(other) &&
-           py::make_tuple(state_of(one)).equal(py::make_tuple(state_of(other.cast<const T&>())));
+    if (!py::isinstance<T>(other)) return false;
+    const T& another = other.cast<const T&>();
+    if (&one == &another) return true;
+    try {
+      return py::make_tuple(state_of(one)).equal(py::make_tuple(state_of(another)));
+    } catch (const InputError&) {
+      return false;
+    }
   };
   bound.def("__eq__", equals, py::arg("other"), "Equal in all that is kept when pickled.")
       .def(py::pickle(state_of, make));
+}
+
+// Objects that nothing in Python can change: those that are equal look alike.
+template <typename T, typename... Bound>
+void BindHash(py::class_<T, Bound...>& bound) {
+  bound.def("__hash__", [](const T& one) { return py::hash(py::repr(py::cast(&one))); });
+}
+// Copies of them share what they hold.
+template <typename T, typename... Bound>
+void BindCopies(py::class_<T, Bound...>& bound) {
+  BindHash(bound);
+  bound.def("__copy__", [](const T& one) { return std::make_shared<T>(one); })
+      .def(
+          "__deepcopy__", [](const T& one, const py::object&) { return std::make_shared<T>(one); },
+          py::arg("memo"));
 }
 
 // A small table of two columns, for notebooks.

@@ -29,9 +29,12 @@ struct KnownProblem : PoseProblem {
 struct KnownResult : QueryResult {
   KnownResult() = default;
   KnownResult(QueryResult result, const Localizer& localizer)
-      : QueryResult(std::move(result)), scene_noise(localizer.options().estimator.scene_noise) {}
+      : QueryResult(std::move(result)),
+        scene_noise(localizer.options().estimator.scene_noise),
+        surface(localizer.scene().Surface()) {}
 
   std::optional<SceneNoise> scene_noise;
+  std::weak_ptr<const RayCaster> surface;  // of the scene, for pictures
 };
 using ResultPointer = std::shared_ptr<KnownResult>;
 

@@ -51,24 +51,44 @@ struct Caster {
   explicit Caster(std::shared_ptr<const RayCaster> ray_caster) : caster(std::move(ray_caster)) {}
 
   std::shared_ptr<const RayCaster> caster;
+  RayCasterOptions::BuildQuality build = RayCasterOptions::BuildQuality::kMedium;
   LastRays rays;
   LastRenderer renderer;
 };
+
+std::shared_ptr<Caster> MakeCaster(const std::shared_ptr<TriangleMesh>& mesh,
+                                   RayCasterOptions::BuildQuality quality);
 
 // The class of the module, and what its parts add: how it is made, rays.
 using CasterClass = py::class_<Caster, std::shared_ptr<Caster>>;
 void BindMaking(CasterClass& caster_class);
 void BindCasting(CasterClass& caster_class);
 
+// What a camera sees of a surface in its colors, at most `kPictureSidePx` wide and high.
+inline constexpr int kPictureSidePx = 640;
+Image PictureFrom(const std::shared_ptr<const RayCaster>& surface, const Camera& camera,
+                  const Rigid3& cam_from_world);
 // A PNG of what a mesh looks like from outside; None where it has no triangles.
 std::optional<py::bytes> PictureOf(const Caster& caster);
+
+// What a description of geometry from memory ends in.
+inline constexpr std::string_view kFromMemory = " from memory";
 
 // Geometry of any kind.
 struct Geometry {
   explicit Geometry(NamedGeometry opened) : named(std::move(opened)) {}
+  Geometry(NamedGeometry opened, std::string opened_spec, const GeometryContext& context)
+      : named(std::move(opened)),
+        spec(std::move(opened_spec)),
+        model(context.model),
+        references(context.references.begin(), context.references.end()) {}
   virtual ~Geometry() = default;
 
   NamedGeometry named;
+  // What it was opened from, by which it pickles; the text is empty of what was in memory.
+  std::string spec = {};
+  std::filesystem::path model = {};
+  std::vector<PosedImage> references = {};
 };
 struct DepthMaps final : Geometry {
   using Geometry::Geometry;
@@ -76,6 +96,11 @@ struct DepthMaps final : Geometry {
 struct SfmPoints final : Geometry {
   using Geometry::Geometry;
 };
+
+// By its text where it was opened from one; else its mesh or depth maps. InputError for other
+// geometry.
+py::tuple StateOf(const Geometry& geometry);
+Geometry GeometryOf(const py::tuple& state);
 
 NamedGeometry ToGeometry(const GeometryLike& geometry, const GeometryContext& context = {});
 

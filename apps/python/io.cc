@@ -4,6 +4,7 @@
 
 #include "apps/python/conversions.h"
 
+#include "raylift/base/file.h"
 #include "raylift/io/colmap_model.h"
 #include "raylift/io/depth_file.h"
 #include "raylift/io/image_file.h"
@@ -170,10 +171,37 @@ void RequireObservedPoints(const ColmapModel& model) {
   }
 }
 
+// The names and bytes of the model's files, and its warnings.
+using ModelState = std::pair<std::map<std::string, py::bytes>, std::vector<std::string>>;
+
+ModelState StateOf(const ColmapModel& model) {
+  const py::object folder = py::module_::import("tempfile").attr("TemporaryDirectory")();
+  const std::filesystem::path path = folder.attr("name").cast<std::string>();
+  WriteColmapModel(path, model, ColmapForm::kBinary);
+  std::map<std::string, py::bytes> files;
+  for (const auto& entry : std::filesystem::directory_iterator(path)) {
+    files[entry.path().filename().string()] = py::bytes(ReadFile(entry.path()));
+  }
+  folder.attr("cleanup")();
+  return {files, model.warnings};
+}
+
+ModelPointer ModelOf(const ModelState& state) {
+  const py::object folder = py::module_::import("tempfile").attr("TemporaryDirectory")();
+  const std::filesystem::path path = folder.attr("name").cast<std::string>();
+  for (const auto& [name, bytes] : state.first) {
+    WriteFile(path / std::filesystem::path(name).filename(), bytes.cast<std::string>());
+  }
+  auto model = std::make_shared<ColmapModel>(ReadColmapModel(path));
+  folder.attr("cleanup")();
+  model->warnings = state.second;
+  return model;
+}
+
 void BindModel(py::module_& module) {
-  py::class_<ColmapModel, ModelPointer>(
-      module, "ColmapModel", "A COLMAP model: cameras, images and points, kept without loss.")
-      .def(py::init<>(), "An empty one.")
+  py::class_<ColmapModel, ModelPointer> bound(
+      module, "ColmapModel", "A COLMAP model: cameras, images and points, kept without loss.");
+  bound.def(py::init<>(), "An empty one.")
       .def_static(
           "read",
           [](const PathLike& folder) {
@@ -253,6 +281,7 @@ void BindModel(py::module_& module) {
         return fmt::format("<raylift.ColmapModel {} cameras, {} images, {} points>",
                            model.cameras.size(), model.images.size(), model.points3d.size());
       });
+  BindState(bound, py::overload_cast<const ColmapModel&>(&StateOf), &ModelOf);
 }
 
 py::array_t<float> ReadDepth(const PathLike& file, const std::string& layer,

@@ -15,6 +15,8 @@
 #include "apps/python/geometry_source.h"
 #include "lifting/depth_convention.h"
 #include "lifting/fields.h"
+#include "pictures/picture_codec.h"
+#include "report/page.h"
 
 #include "raylift/base/parallel.h"
 #include "raylift/base/text.h"
@@ -129,7 +131,7 @@ class DepthInMemory final : public GeometrySource {
   DepthInMemory(std::map<std::string, DepthMap> maps, const DepthSamplingOptions& sampling)
       : maps_(std::move(maps)), sampling_(sampling) {}
 
-  std::string Description() const override { return "depth from memory"; }
+  std::string Description() const override { return fmt::format("depth{}", kFromMemory); }
   std::vector<std::optional<SurfacePoint>> Lift(
       const PosedImage& reference, std::span<const Eigen::Vector2d> pixels) const override {
     const auto map = maps_.find(reference.name);
@@ -137,6 +139,7 @@ class DepthInMemory final : public GeometrySource {
     return LiftByDepthMap(map->second, reference, pixels, sampling_);
   }
   const std::map<std::string, DepthMap>& maps() const { return maps_; }
+  const DepthSamplingOptions& sampling() const { return sampling_; }
 
  private:
   std::map<std::string, DepthMap> maps_;
@@ -152,6 +155,13 @@ DepthMap ToDepthMapOf(const ArrayLike& argument, const std::string& name, const 
   stored.height_px = static_cast<int>(array.shape(0));
   stored.values.assign(array.data(), array.data() + array.size());
   return WithoutLock([&] { return ToDepthMap(stored, camera, convention); });
+}
+
+NamedGeometry OfMaps(std::map<std::string, DepthMap> maps, const DepthSamplingOptions& sampling) {
+  NamedGeometry geometry;
+  geometry.kind = GeometryKind::kDepth;
+  geometry.source = std::make_shared<DepthInMemory>(std::move(maps), sampling);
+  return geometry;
 }
 
 std::shared_ptr<DepthMaps> DepthFromArrays(const py::dict& maps,
@@ -176,22 +186,25 @@ std::shared_ptr<DepthMaps> DepthFromArrays(const py::dict& maps,
                      fmt::format("maps[\"{}\"]", reference.name), reference.camera, convention));
   }
   if (converted.empty()) throw InputError("maps: none is of a reference");
-  NamedGeometry geometry;
-  geometry.kind = GeometryKind::kDepth;
-  geometry.source = std::make_shared<DepthInMemory>(std::move(converted), sampling);
-  return std::make_shared<DepthMaps>(std::move(geometry));
+  auto geometry = std::make_shared<DepthMaps>(OfMaps(std::move(converted), sampling));
+  geometry->references = ToPosedImages(references);
+  return geometry;
+}
+
+// Null where there is none.
+std::shared_ptr<const DepthMap> HeldMap(const DepthMaps& maps, const PosedImage& reference) {
+  if (maps.named.maps) return maps.named.maps->Load(reference);
+  const auto* const memory = dynamic_cast<const DepthInMemory*>(maps.named.source.get());
+  if (memory == nullptr) return nullptr;
+  const auto found = memory->maps().find(reference.name);
+  if (found == memory->maps().end()) return nullptr;
+  return {maps.named.source, &found->second};
 }
 
 // The map as it is held, not to be written to; None where there is none.
 py::object LoadMap(const DepthMaps& maps, const PosedImageLike& reference) {
   const PosedImage image = ToPosedImage(reference);
-  std::shared_ptr<const DepthMap> map;
-  if (maps.named.maps) {
-    map = WithoutLock([&] { return maps.named.maps->Load(image); });
-  } else if (const auto* memory = dynamic_cast<const DepthInMemory*>(maps.named.source.get())) {
-    const auto found = memory->maps().find(image.name);
-    if (found != memory->maps().end()) map = {maps.named.source, &found->second};
-  }
+  const auto map = WithoutLock([&] { return HeldMap(maps, image); });
   if (!map) return py::none();
   auto* owned = new std::shared_ptr<const DepthMap>(map);
   const py::capsule owner(owned,
@@ -202,17 +215,75 @@ py::object LoadMap(const DepthMaps& maps, const PosedImageLike& reference) {
   return array;
 }
 
+// Each N-th pixel, so that it is no larger than a notebook's pictures.
+DepthMap Thumbnail(const DepthMap& map) {
+  const int step = (std::max(map.width_px, map.height_px) + kPictureSidePx - 1) / kPictureSidePx;
+  DepthMap small{.width_px = map.width_px / step, .height_px = map.height_px / step, .z = {}};
+  for (int y = 0; y < small.height_px; ++y) {
+    for (int x = 0; x < small.width_px; ++x) small.z.push_back(map.At(x * step, y * step));
+  }
+  return small;
+}
+
+// A PNG of the first map that there is, near surfaces dark and far ones bright; None without one.
+std::optional<py::bytes> PictureOf(const DepthMaps& maps) {
+  const auto picture = WithoutLock([&]() -> std::optional<std::string> {
+    for (const PosedImage& reference : maps.references) {
+      try {
+        const auto map = HeldMap(maps, reference);
+        if (!map || map->z.empty()) continue;
+        const DepthMap small = Thumbnail(*map);
+        std::vector<float> known;
+        std::copy_if(small.z.begin(), small.z.end(), std::back_inserter(known),
+                     [](float z) { return z > 0; });
+        if (known.empty()) continue;
+        const auto [near, far] = std::minmax_element(known.begin(), known.end());
+        return EncodePng(ColorizeDepth(small, double{*near}, double{*far}));
+      } catch (const InputError&) {
+        continue;  // a notebook shows what it can
+      }
+    }
+    return std::nullopt;
+  });
+  if (!picture) return std::nullopt;
+  return py::bytes(*picture);
+}
+
+// Pickles as its state says, and copies share what they hold.
+template <typename T, typename... Bound>
+void BindGeometryState(py::class_<T, Bound...>& bound) {
+  BindState(
+      bound, [](const T& geometry) { return StateOf(geometry); },
+      [](const py::tuple& state) {
+        Geometry geometry = GeometryOf(state);
+        auto made = std::make_shared<T>(std::move(geometry.named));
+        made->spec = std::move(geometry.spec);
+        made->model = std::move(geometry.model);
+        made->references = std::move(geometry.references);
+        return made;
+      });
+  BindCopies(bound);
+}
+
 void BindSources(py::module_& module) {
-  py::class_<Geometry, std::shared_ptr<Geometry>>(
+  py::class_<Geometry, std::shared_ptr<Geometry>> geometry_class(
       module, "Geometry",
-      "A source of geometry: which point of the scene a reference's pixel shows.")
+      "A source of geometry: which point of the scene a reference's pixel shows.");
+  geometry_class
       .def(py::init([](const GeometryLike& geometry, const std::optional<PathLike>& model,
                        const std::vector<PosedImageLike>& references, int threads) {
              const std::vector<PosedImage> images = ToPosedImages(references);
-             return std::make_shared<Geometry>(ToGeometry(
-                 geometry, {.model = model ? ToPath(*model, "model") : std::filesystem::path(),
-                            .references = images,
-                            .threads = threads}));
+             const GeometryContext context{
+                 .model = model ? ToPath(*model, "model") : std::filesystem::path(),
+                 .references = images,
+                 .threads = threads};
+             if (py::isinstance<Geometry>(geometry)) {
+               return std::make_shared<Geometry>(geometry.cast<const Geometry&>());
+             }
+             const bool is_text = py::isinstance<py::str>(geometry);
+             return std::make_shared<Geometry>(
+                 ToGeometry(geometry, context),
+                 is_text ? geometry.cast<std::string>() : std::string(), context);
            }),
            py::arg("geometry"), py::kw_only(), py::arg("model") = py::none(),
            py::arg("references") = std::vector<PosedImageLike>(), py::arg("threads") = 0,
@@ -236,15 +307,18 @@ void BindSources(py::module_& module) {
       .def("__repr__", [](const Geometry& geometry) {
         return fmt::format("<raylift.Geometry {}>", geometry.named.source->Description());
       });
-  py::class_<DepthMaps, Geometry, std::shared_ptr<DepthMaps>>(module, "DepthMaps",
-                                                              "Depth maps of references.")
+  BindGeometryState(geometry_class);
+  py::class_<DepthMaps, Geometry, std::shared_ptr<DepthMaps>> maps_class(
+      module, "DepthMaps", "Depth maps of references.");
+  maps_class
       .def(
           py::init([](const PathLike& folder, const std::vector<PosedImageLike>& references,
                       const py::kwargs& keys) {
             const std::vector<PosedImage> images = ToPosedImages(references);
             const std::string spec = SpecOf("depth", ToPath(folder, "folder"), keys);
             return WithoutLock([&] {
-              return std::make_shared<DepthMaps>(MakeGeometrySource(spec, {.references = images}));
+              const GeometryContext context{.references = images};
+              return std::make_shared<DepthMaps>(MakeGeometrySource(spec, context), spec, context);
             });
           }),
           py::arg("folder"), py::arg("references"),
@@ -260,26 +334,37 @@ Keywords: kind="z" (or "ray", "inverse"), scale=1, max_depth, interpolation="edg
       .def("load", &LoadMap, py::arg("reference"),
            "The map of a reference (height, width), float32, z in scene units, 0: no surface; or "
            "None.\n"
-           "It is the library's own memory, which cannot be written to.");
-  py::class_<SfmPoints, Geometry, std::shared_ptr<SfmPoints>>(
-      module, "SfmPoints", "The points of a COLMAP model, lifted by its own keypoints.")
-      .def(py::init([](const PathLike& model, const std::vector<PosedImageLike>& references,
-                       const py::kwargs& keys) {
-             const std::vector<PosedImage> images = ToPosedImages(references);
-             const std::string spec = SpecOf("sfm", ToPath(model, "model"), keys);
-             return WithoutLock([&] {
-               return std::make_shared<SfmPoints>(MakeGeometrySource(spec, {.references = images}));
-             });
-           }),
-           py::arg("model"), py::arg("references") = std::vector<PosedImageLike>(),
-           "Keywords are the keys of --geometry sfm:... (radius, min_track, ...).");
+           "It is the library's own memory, which cannot be written to.")
+      .def(
+          "_repr_png_", [](const DepthMaps& maps) { return PictureOf(maps); },
+          "The first reference's map, dark where it is near.");
+  BindGeometryState(maps_class);
+  py::class_<SfmPoints, Geometry, std::shared_ptr<SfmPoints>> points_class(
+      module, "SfmPoints", "The points of a COLMAP model, lifted by its own keypoints.");
+  points_class.def(py::init([](const PathLike& model, const std::vector<PosedImageLike>& references,
+                               const py::kwargs& keys) {
+                     const std::vector<PosedImage> images = ToPosedImages(references);
+                     const std::string spec = SpecOf("sfm", ToPath(model, "model"), keys);
+                     return WithoutLock([&] {
+                       const GeometryContext context{.references = images};
+                       return std::make_shared<SfmPoints>(MakeGeometrySource(spec, context), spec,
+                                                          context);
+                     });
+                   }),
+                   py::arg("model"), py::arg("references") = std::vector<PosedImageLike>(),
+                   "Keywords are the keys of --geometry sfm:... (radius, min_track, ...).");
+  BindGeometryState(points_class);
 }
 
 // Several sources as one.
 class Lifter {
  public:
-  Lifter(std::vector<std::shared_ptr<const GeometrySource>> sources, GeometryMode mode)
-      : sources_(std::move(sources)), mode_(mode) {}
+  Lifter(const py::tuple& geometry, GeometryMode mode) : geometry_(geometry), mode_(mode) {
+    for (const py::handle one : geometry) {
+      sources_.push_back(ToGeometry(py::reinterpret_borrow<GeometryLike>(one)).source);
+    }
+    if (sources_.empty()) throw OptionError("give at least one source of geometry");
+  }
 
   LiftResult LiftAll(const PoseProblem& problem) const {
     std::vector<const GeometrySource*> sources;
@@ -288,8 +373,10 @@ class Lifter {
   }
 
   const std::vector<std::shared_ptr<const GeometrySource>>& sources() const { return sources_; }
+  py::tuple State() const { return py::make_tuple(geometry_, std::string(ToString(mode_))); }
 
  private:
+  py::tuple geometry_;  // as it was given
   std::vector<std::shared_ptr<const GeometrySource>> sources_;
   GeometryMode mode_;
 };
@@ -300,13 +387,7 @@ void BindLifter(py::module_& module) {
       "Lifts keypoints of references to the scene by one source of geometry or several.")
       .def(
           py::init([](const py::args& geometry, const std::string& mode) {
-            std::vector<std::shared_ptr<const GeometrySource>> sources;
-            for (const py::handle one : geometry) {
-              sources.push_back(ToGeometry(py::reinterpret_borrow<GeometryLike>(one)).source);
-            }
-            if (sources.empty()) throw OptionError("give at least one source of geometry");
-            return std::make_shared<Lifter>(std::move(sources),
-                                            ToEnum<GeometryMode>("geometry_mode", mode));
+            return std::make_shared<Lifter>(geometry, ToEnum<GeometryMode>("geometry_mode", mode));
           }),
           py::arg("geometry_mode") = "first",
           R"(Each source is a Mesh, RayCaster, DepthMaps, SfmPoints, Geometry or "mesh:PATH"; they are
@@ -333,7 +414,19 @@ or those of "all".)")
           },
           py::arg("problem"),
           "The PoseProblem with the 2D-3D matches that its 2D-2D matches give, in place of its "
-          "own.");
+          "own.")
+      .def("__repr__",
+           [](const Lifter& lifter) {
+             std::vector<std::string> sources;
+             for (const auto& source : lifter.sources()) sources.push_back(source->Description());
+             return fmt::format("<raylift.Lifter {}>", fmt::join(sources, ", "));
+           })
+      .def(py::pickle([](const Lifter& lifter) { return lifter.State(); },
+                      [](const py::tuple& state) {
+                        return std::make_shared<Lifter>(
+                            state[0].cast<py::tuple>(),
+                            ToEnum<GeometryMode>("geometry_mode", state[1].cast<std::string>()));
+                      }));
 }
 
 py::tuple Filter(const KnownProblem& problem, const std::string& mode, const std::string& method,
@@ -392,7 +485,8 @@ NamedGeometry ToGeometry(const GeometryLike& geometry, const GeometryContext& co
                  : is_cloud ? GeometryKind::kCloud
                             : GeometryKind::kSplats;
     const char* const name = is_mesh ? "mesh" : is_cloud ? "cloud" : "splats";
-    named.source = std::make_shared<const MeshSource>(fmt::format("{} from memory", name), caster);
+    named.source =
+        std::make_shared<const MeshSource>(fmt::format("{}{}", name, kFromMemory), caster);
     (is_mesh ? named.mesh : named.cloud) = std::move(caster);
     return named;
   };
@@ -412,6 +506,55 @@ NamedGeometry ToGeometry(const GeometryLike& geometry, const GeometryContext& co
   throw WrongType(fmt::format(
       "geometry: expected a Mesh, RayCaster, Geometry or \"KIND:PATH[,key=value...]\", found {}",
       py::cast<std::string>(py::type::handle_of(geometry).attr("__name__"))));
+}
+
+using MapState = std::tuple<std::string, int, int, py::bytes>;
+
+py::tuple StateOf(const Geometry& geometry) {
+  if (!geometry.spec.empty()) {
+    return py::make_tuple(geometry.spec, geometry.model.string(), geometry.references);
+  }
+  if (const auto& caster = geometry.named.mesh) {
+    return py::make_tuple(std::const_pointer_cast<TriangleMesh>(std::shared_ptr<const TriangleMesh>(
+                              caster, &caster->mesh())),  // nothing changes it
+                          "", geometry.references);
+  }
+  if (const auto* maps = dynamic_cast<const DepthInMemory*>(geometry.named.source.get())) {
+    std::vector<MapState> states;
+    for (const auto& [name, map] : maps->maps()) {
+      states.emplace_back(name, map.width_px, map.height_px, ToBytes(map.z));
+    }
+    return py::make_tuple(states, std::string(ToString(maps->sampling().interpolation)),
+                          geometry.references, maps->sampling().max_jump);
+  }
+  throw InputError(
+      fmt::format("geometry: {} has no state; meshes, depth maps and what is opened by "
+                  "a text have one",
+                  geometry.named.source->Description()));
+}
+
+Geometry GeometryOf(const py::tuple& state) {
+  const auto references = state[2].cast<std::vector<PosedImage>>();
+  if (py::isinstance<py::list>(state[0])) {
+    std::map<std::string, DepthMap> maps;
+    for (const auto& [name, width, height, z] : state[0].cast<std::vector<MapState>>()) {
+      DepthMap& map = maps[name];
+      map.width_px = width;
+      map.height_px = height;
+      FromBytes(z, map.z);
+    }
+    Geometry geometry(OfMaps(std::move(maps), {.interpolation = ToEnum<DepthInterpolation>(
+                                                   "interpolation", state[1].cast<std::string>()),
+                                               .max_jump = state[3].cast<double>()}));
+    geometry.references = references;
+    return geometry;
+  }
+  const auto model = state[1].cast<std::string>();
+  const GeometryContext context{.model = model, .references = references};
+  const py::object opened = state[0];
+  const bool is_text = py::isinstance<py::str>(opened);
+  return {ToGeometry(opened.cast<GeometryLike>(), context),
+          is_text ? opened.cast<std::string>() : std::string(), context};
 }
 
 std::string SpecOf(const std::string& kind, const std::filesystem::path& path,

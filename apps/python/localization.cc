@@ -15,6 +15,8 @@
 #include "localization/fields.h"
 #include "localization/rerender.h"
 #include "localization/results/result_json.h"
+#include "pictures/picture_codec.h"
+#include "report/page.h"
 
 #include "raylift/base/error.h"
 #include "raylift/io/image_file.h"
@@ -46,19 +48,25 @@ LocalizerOptions TakeLocalizerOptions(Keywords& keywords) {
 }
 
 // How references are retrieved, where that is said. Without prior poses, what needs them is of
-// leave_one_out(), where the references' own are taken.
-std::optional<RetrievalOptions> TakeRetrieval(Keywords& keywords, const Scene& scene) {
+// leave_one_out(), where the references' own are taken. A descriptor of the caller's own goes to
+// `own`.
+std::optional<RetrievalOptions> TakeRetrieval(Keywords& keywords, const Scene& scene,
+                                              OwnMatching& own) {
   RetrievalFlags flags;
-  std::string method;
+  py::object retrieval = py::none();
   py::object prior_poses = py::none();
   std::optional<std::pair<double, double>> view_range;
-  keywords.Take("retrieval", method);
+  keywords.Take("retrieval", retrieval);
   keywords.Take("global_features", flags.global_features.references);
   keywords.Take("query_global_features", flags.global_features.queries);
   keywords.Take("prior_poses", prior_poses);
   keywords.Take("max_angle_deg", flags.max_angle_deg);
   keywords.Take("view_range", view_range);
-  if (!method.empty()) flags.method = ToEnum<RetrievalMethod>("retrieval", method);
+  if (py::isinstance<py::str>(retrieval)) {
+    flags.method = ToEnum<RetrievalMethod>("retrieval", retrieval.cast<std::string>());
+  } else if (!retrieval.is_none()) {
+    own.retrieval = retrieval.cast<DescriptorLike>();
+  }
   if (view_range) flags.view_range = {view_range->first, view_range->second};
   const bool has_poses = !prior_poses.is_none();
   const bool is_mapping = IsMapping(prior_poses);
@@ -68,6 +76,9 @@ std::optional<RetrievalOptions> TakeRetrieval(Keywords& keywords, const Scene& s
     flags.prior_poses = ToPath(prior_poses.cast<PathLike>(), "prior_poses");
   }
   if (!flags.Any()) return std::nullopt;
+  if (own.retrieval) {
+    throw OptionError("retrieval by a function goes without the options of other ways");
+  }
   using Queries = RetrievalFlags::Queries;
   const std::vector<std::string> surfaces(scene.Surface() == nullptr ? 0 : 1, "mesh:");
   RetrievalOptions options =
@@ -81,7 +92,7 @@ std::optional<RetrievalOptions> TakeRetrieval(Keywords& keywords, const Scene& s
 }
 
 MatchingOptions TakeMatchingOptions(Keywords& keywords, const Scene& scene,
-                                    const OwnMatching& own) {
+                                    OwnMatching own) {
   MatchingOptions options;
   HlocFlags given;
   keywords.Take("features", given.files.features);
@@ -99,12 +110,12 @@ MatchingOptions TakeMatchingOptions(Keywords& keywords, const Scene& scene,
         "features, matches and pairs go together, but for matches that are COLMAP's database or a "
         "folder of pairs");
   }
+  options.retrieval = TakeRetrieval(keywords, scene, own);
   if (given.Any() && (own.extractor || own.matcher || own.retrieval)) {
     throw OptionError(
         "an extractor or matcher makes matches, which features, matches and pairs give");
   }
   if (given.Any()) options.hloc = given.files;
-  options.retrieval = TakeRetrieval(keywords, scene);
   if (given.Any() && options.retrieval) {
     throw OptionError("retrieval goes without files of matches, which name the references");
   }
@@ -123,12 +134,15 @@ MatchingOptions TakeMatchingOptions(Keywords& keywords, const Scene& scene,
 // first query needs them.
 class SceneLocalizer {
  public:
-  SceneLocalizer(ScenePointer scene, const py::dict& reference_features, const OwnMatching& own,
-                 int threads, const py::kwargs& given)
-      : scene_(std::move(scene)), threads_(threads) {
+  SceneLocalizer(ScenePointer scene, const py::dict& reference_features,
+                 const std::optional<ExtractorLike>& extractor,
+                 const std::optional<MatcherLike>& matcher, int threads, const py::kwargs& given)
+      : scene_(std::move(scene)),
+        threads_(threads),
+        state_(py::make_tuple(scene_, reference_features, extractor, matcher, threads, given)) {
     Keywords keywords(given);
     options_ = TakeLocalizerOptions(keywords);
-    matching_ = TakeMatchingOptions(keywords, *scene_, own);
+    matching_ = TakeMatchingOptions(keywords, *scene_, {extractor, matcher, std::nullopt});
     std::filesystem::path calibration;
     keywords.Take("scene_calibration", calibration);
     keywords.Take("align_depth", align_);
@@ -172,6 +186,8 @@ class SceneLocalizer {
     }
     return calibrated_;
   }
+  // What it was made of.
+  const py::tuple& state() const { return state_; }
   const Scene& scene() const { return *scene_; }
   const ScenePointer& shared_scene() const { return scene_; }
   const LocalizerOptions& options() const { return options_; }
@@ -202,6 +218,7 @@ class SceneLocalizer {
   std::shared_ptr<const Rerenderer> rerenderer_;  // null: poses are not sharpened
   MatchingOptions matching_;
   int threads_;
+  py::tuple state_;
   std::mutex mutex_;
   std::shared_ptr<const MatchSource> source_;
   std::shared_ptr<const Scene> calibrated_;
@@ -409,6 +426,17 @@ ResultPointer ResultOf(const ResultState& state) {
   return result;
 }
 
+// What the photograph's camera sees of the scene from the pose that was found; nullopt without a
+// pose, or where the scene, which has a mesh, a cloud or splats, is no more.
+std::optional<Image> PictureOf(const KnownResult& result) {
+  const auto surface = result.surface.lock();
+  const auto& pose = result.localized.estimate.cam_from_world;
+  if (!surface || !result.localized.localized() || !pose) return std::nullopt;
+  const auto& refined = result.localized.estimate.refined_camera;
+  const Camera& camera = refined ? *refined : result.problem.query_camera;
+  return WithoutLock([&] { return PictureFrom(surface, camera, *pose); });
+}
+
 void BindResult(py::module_& module) {
   py::class_<KnownResult, ResultPointer> bound(
       module, "LocalizedQuery", "What became of a query. True where it was localized.");
@@ -454,12 +482,26 @@ void BindResult(py::module_& module) {
                                 ToString(r.localized.verdict()),
                                 r.localized.localized() ? "" : ", " + r.localized.reason);
            })
-      .def("_repr_html_", [](const KnownResult& r) {
-        auto rows = HtmlRowsOf(r.localized.estimate);
-        if (!r.localized.localized()) rows.insert(rows.begin(), {"failed", r.localized.reason});
-        rows.emplace_back("references", std::to_string(r.localized.counts.retrieved));
-        return HtmlTable(r.localized.name, rows);
-      });
+      .def("_repr_html_",
+           [](const KnownResult& r) {
+             auto rows = HtmlRowsOf(r.localized.estimate);
+             if (!r.localized.localized())
+               rows.insert(rows.begin(), {"failed", r.localized.reason});
+             rows.emplace_back("references", std::to_string(r.localized.counts.retrieved));
+             const auto picture = PictureOf(r);
+             return HtmlTable(r.localized.name, rows) +
+                    (picture ? fmt::format("<img alt=\"the scene from the pose\" src=\"{}\">",
+                                           JpegDataUri(*picture, kPictureSidePx))
+                             : std::string());
+           })
+      .def(
+          "_repr_png_",
+          [](const KnownResult& r) -> std::optional<py::bytes> {
+            const auto picture = PictureOf(r);
+            if (!picture) return std::nullopt;
+            return py::bytes(EncodePng(*picture));
+          },
+          "The scene as the photograph's camera sees it from the pose.");
   BindState(bound, py::overload_cast<const KnownResult&>(&StateOf), &ResultOf);
 }
 
@@ -472,16 +514,14 @@ void BindLocalization(py::module_& module) {
       .def(
           py::init([](ScenePointer scene, const py::dict& reference_features,
                       const std::optional<ExtractorLike>& extractor,
-                      const std::optional<MatcherLike>& matcher,
-                      const std::optional<DescriptorLike>& retrieval, int threads,
+                      const std::optional<MatcherLike>& matcher, int threads,
                       const py::kwargs& options) {
-            return std::make_shared<SceneLocalizer>(std::move(scene), reference_features,
-                                                    OwnMatching{extractor, matcher, retrieval},
-                                                    threads, options);
+            return std::make_shared<SceneLocalizer>(std::move(scene), reference_features, extractor,
+                                                    matcher, threads, options);
           }),
           py::arg("scene").none(false), py::kw_only(), py::arg("reference_features") = py::dict(),
           py::arg("extractor") = py::none(), py::arg("matcher") = py::none(),
-          py::arg("retrieval") = py::none(), py::arg("threads") = 0,
+          py::arg("threads") = 0,
           R"(Options as of `raylift localize`, with its defaults: those of raylift.estimate_pose(), and
 filter="off", filter_reprojection_px=4, filter_min_views=3, filter_min_ratio=0.8,
 candidates="keep", candidates_error_px=4, candidates_min_angle_deg=1,
@@ -512,17 +552,16 @@ are: with an extractor OpenCV's DescriptorMatcher and LightGlue, without RoMa, D
 matchers of image-matching-models (vismatch). With cache and a matcher_name, matches of
 photographs in files are kept as hloc.match_dense does, by h5py.
 
-retrieval: called with each photograph in place of VLAD, by which references are retrieved:
-returns its global descriptor (D,), as raylift.onnx.GlobalDescriptor does.
+retrieval: how references are found: by a function that is called with each photograph and
+returns its global descriptor (D,), as raylift.onnx.GlobalDescriptor does; or "vlad"; "global"
+by global_features (hloc's global-feats file; query_global_features: that of the queries,
+where it is another one); "pose" or "overlap" by prior_poses (a COLMAP model, a pose file, or
+a dict of poses by the queries' names), the first within max_angle_deg or by the view_range
+(near, far) in scene units; or "covisibility", of leave_one_out(). All but functions and
+"vlad" are for localize_all() and leave_one_out().
 
-Each is called one call at a time; pixels count as first_pixel says, by default as OpenCV's,
+Functions are called one call at a time; pixels count as first_pixel says, by default as OpenCV's,
 whose first pixel's center is (0, 0).
-
-retrieval: how references are found: "vlad"; "global" by global_features (hloc's global-feats
-file; query_global_features: that of the queries, where it is another one); "pose" or
-"overlap" by prior_poses (a COLMAP model, a pose file, or a dict of poses by the queries'
-names), the first within max_angle_deg or by the view_range (near, far) in scene units; or
-"covisibility", of leave_one_out(). All but "vlad" are for localize_all() and leave_one_out().
 
 Raises OptionError for an option out of range.)")
       .def(
@@ -578,7 +617,21 @@ matches with a reference are, as those of resized images.)")
       .def("leave_one_out", &LeaveOneOut, py::kw_only(), py::arg("threads") = 0,
            py::arg("progress") = py::none(),
            "Each reference as a query of the others: what is to be expected where no query's pose\n"
-           "is known. Returns a dict by name.");
+           "is known. Returns a dict by name.")
+      .def("__repr__",
+           [](const SceneLocalizer& localizer) {
+             return fmt::format("<raylift.Localizer in {} references, method {}>",
+                                localizer.scene().references.images.size(),
+                                ToString(localizer.options().estimator.method));
+           })
+      .def(py::pickle([](const SceneLocalizer& localizer) { return localizer.state(); },
+                      [](const py::tuple& state) {
+                        return std::make_shared<SceneLocalizer>(
+                            state[0].cast<ScenePointer>(), state[1].cast<py::dict>(),
+                            state[2].cast<std::optional<ExtractorLike>>(),
+                            state[3].cast<std::optional<MatcherLike>>(), state[4].cast<int>(),
+                            state[5].cast<py::kwargs>());
+                      }));
   BindFeatures(module);
 }
 

@@ -1,6 +1,5 @@
 // Mesh.
 
-#include <cstring>
 #include <limits>
 
 #include "apps/python/conversions.h"
@@ -48,19 +47,6 @@ py::array_t<T> View(const T* data, const std::vector<py::ssize_t>& shape, const 
   py::array_t<T> array(shape, data, owner);
   py::detail::array_proxy(array.ptr())->flags &= ~py::detail::npy_api::NPY_ARRAY_WRITEABLE_;
   return array;
-}
-
-// The numbers of a list as they lie in memory, and back.
-template <typename T>
-py::bytes ToBytes(const std::vector<T>& values) {
-  return {reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T)};
-}
-template <typename T>
-void FromBytes(const py::handle& state, std::vector<T>& values) {
-  const auto bytes = state.cast<std::string_view>();
-  values.resize(bytes.size() / sizeof(T));
-  if (values.empty()) return;  // null is no memory to copy to
-  std::memcpy(static_cast<void*>(values.data()), bytes.data(), values.size() * sizeof(T));
 }
 
 // Calls a function with each list of numbers of a mesh.
@@ -180,12 +166,9 @@ void BindMesh(py::module_& module) {
            })
       .def(
           "_repr_png_",
-          [](const std::shared_ptr<TriangleMesh>& mesh) {
-            RayCasterOptions options;
-            options.build_quality = RayCasterOptions::BuildQuality::kLow;
-            return PictureOf(*WithoutLock([&] {
-              return std::make_shared<Caster>(std::make_shared<const RayCaster>(mesh, options));
-            }));
+          [](TriangleMesh& mesh) {
+            return PictureOf(*MakeCaster(py::cast(&mesh).cast<std::shared_ptr<TriangleMesh>>(),
+                                         RayCasterOptions::BuildQuality::kLow));
           },
           "A picture of it from outside.");
   BindState(bound, &MeshState, &MeshOf);

@@ -15,13 +15,10 @@ namespace {
 
 using CasterPointer = std::shared_ptr<Caster>;
 
-CasterPointer MakeCaster(const GeometryLike& surface, const std::string& build) {
-  RayCasterOptions options;
-  options.build_quality = ToEnum<RayCasterOptions::BuildQuality>("build", build);
+CasterPointer CasterAt(const GeometryLike& surface, const std::string& build) {
+  const auto quality = ToEnum<RayCasterOptions::BuildQuality>("build", build);
   if (py::isinstance<TriangleMesh>(surface)) {
-    const auto mesh = surface.cast<std::shared_ptr<TriangleMesh>>();
-    return WithoutLock(
-        [&] { return std::make_shared<Caster>(std::make_shared<const RayCaster>(mesh, options)); });
+    return MakeCaster(surface.cast<std::shared_ptr<TriangleMesh>>(), quality);
   }
   const auto found = ToGeometry(surface).Surface();
   if (found == nullptr) throw InputError("mesh: expected a mesh, a cloud or splats");
@@ -257,6 +254,16 @@ py::dict CastRays(const Caster& caster, const ArrayLike& origins, const ArrayLik
 
 }  // namespace
 
+std::shared_ptr<Caster> MakeCaster(const std::shared_ptr<TriangleMesh>& mesh,
+                                   RayCasterOptions::BuildQuality quality) {
+  auto caster = WithoutLock([&] {
+    return std::make_shared<Caster>(
+        std::make_shared<const RayCaster>(mesh, RayCasterOptions{.build_quality = quality}));
+  });
+  caster->build = quality;
+  return caster;
+}
+
 void BindCasting(CasterClass& caster_class) {
   caster_class
       .def(
@@ -311,7 +318,7 @@ std::shared_ptr<const FrameRenderer> LastRenderer::Of(
 void BindMaking(CasterClass& caster_class) {
   caster_class
       .def(
-          py::init(&MakeCaster), py::arg("mesh"), py::kw_only(), py::arg("build") = "medium",
+          py::init(&CasterAt), py::arg("mesh"), py::kw_only(), py::arg("build") = "medium",
           R"(Builds the acceleration structure of a Mesh, or of a text as the option --geometry takes it:
 "mesh:...", "cloud:..." or "splat:...". build: "medium" for many views of a Mesh, "low" for
 few.)")

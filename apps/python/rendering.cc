@@ -24,6 +24,12 @@ ColorOptions::Shading ShadingOf(const RayCaster& caster) {
   return caster.HasColors() ? ColorOptions::Shading::kUnlit : ColorOptions::Shading::kHeadlight;
 }
 
+// Nothing in Python can change it.
+std::shared_ptr<TriangleMesh> SharedMesh(const Caster& caster) {
+  return std::const_pointer_cast<TriangleMesh>(
+      std::shared_ptr<const TriangleMesh>(caster.caster, &caster.caster->mesh()));
+}
+
 // What a call renders.
 struct Pictures {
   std::vector<Product> products;
@@ -294,28 +300,55 @@ std::vector<Rigid3> SampleViews(const Caster& caster, const CameraLike& camera, 
   });
 }
 
+// Of one at a mesh. InputError for those at clouds and splats.
+using CasterState = std::pair<std::shared_ptr<TriangleMesh>, std::string>;
+
+CasterState StateOf(const Caster& caster) {
+  if (caster.caster->kind() != SurfaceKind::kMesh) {
+    throw InputError(fmt::format("ray caster: one at a {} has no state, as those at meshes have",
+                                 ToString(caster.caster->kind())));
+  }
+  return {SharedMesh(caster), std::string(ToString(caster.build))};
+}
+
+std::shared_ptr<Caster> CasterOf(const CasterState& state) {
+  return MakeCaster(state.first, ToEnum<RayCasterOptions::BuildQuality>("build", state.second));
+}
+
 }  // namespace
+
+Image PictureFrom(const std::shared_ptr<const RayCaster>& surface, const Camera& camera,
+                  const Rigid3& cam_from_world) {
+  const int side = std::max(camera.width_px(), camera.height_px());
+  const double share = std::min(1.0, static_cast<double>(kPictureSidePx) / side);
+  const auto scaled = [&](int size) {
+    return std::max(1, static_cast<int>(std::lround(share * size)));
+  };
+  FrameOptions options;
+  options.color = true;
+  options.color_options.shading = ShadingOf(*surface);
+  Frame frame;
+  FrameRenderer(surface, options)
+      .Render(PixelRays(camera.Scaled(scaled(camera.width_px()), scaled(camera.height_px())), 0),
+              cam_from_world, 0, frame);
+  return std::move(frame.color);
+}
 
 std::optional<py::bytes> PictureOf(const Caster& caster) {
   const TriangleMesh& mesh = caster.caster->mesh();
   if (mesh.triangles.empty()) return std::nullopt;
-  return WithoutLock([&] {
+  const auto picture = WithoutLock([&]() -> std::optional<std::string> {
     constexpr double kElevationDeg = 30;
     const Camera camera = ParseCamera("camera", "PINHOLE 480 360 400 400 240 180");
     const SampledViews view = SampleAround(
         *caster.caster,
         {.camera = camera, .count = 1, .up_in_world = EstimateUp(mesh).up_in_world, .clearance = 0},
         {.min_elevation_deg = kElevationDeg, .max_elevation_deg = kElevationDeg});
-    FrameOptions options;
-    options.color = true;
-    options.color_options.shading = ShadingOf(*caster.caster);
-    Frame frame;
-    if (!view.cam_from_world.empty()) {
-      FrameRenderer(caster.caster, options)
-          .Render(PixelRays(camera, 0), view.cam_from_world.front(), 0, frame);
-    }
-    return EncodePng(frame.color);
+    if (view.cam_from_world.empty()) return std::nullopt;
+    return EncodePng(PictureFrom(caster.caster, camera, view.cam_from_world.front()));
   });
+  if (!picture) return std::nullopt;
+  return py::bytes(*picture);
 }
 
 void BindRendering(py::module_& module) {
@@ -333,14 +366,7 @@ void BindRendering(py::module_& module) {
           R"(Poses (cam_from_world) that see a mesh, as of `raylift views`: how="around" it from outside,
 "inside" it at eye height, "cover" its surfaces, or "walk" in it on foot, in order; up: direction
 (3,) in the world, by default the one that its surfaces tell. Fewer than `count` where there is no more room.)")
-      .def_property_readonly(
-          "mesh",
-          [](const Caster& caster) {
-            // Nothing in Python can change it.
-            return std::const_pointer_cast<TriangleMesh>(
-                std::shared_ptr<const TriangleMesh>(caster.caster, &caster.caster->mesh()));
-          },
-          "The Mesh.")
+      .def_property_readonly("mesh", &SharedMesh, "The Mesh.")
       .def("render", &Render, py::arg("camera"), py::arg("pose"), py::arg("products") = depth_alone,
            py::kw_only(), py::arg("threads") = 0,
            "What a camera sees from a pose (cam_from_world), a dict of arrays by product:\n\n"
@@ -389,6 +415,8 @@ edges  (H, W), how much each pixel is an edge; its mean over the view's depth ed
         }
         return fmt::format("<raylift.RayCaster {} triangles>", surface.mesh().triangles.size());
       });
+  BindState(caster_class, py::overload_cast<const Caster&>(&StateOf), &CasterOf);
+  BindHash(caster_class);
 }
 
 }  // namespace raylift::python

@@ -8,6 +8,7 @@
 #include "raylift/base/error.h"
 #include "raylift/geometry/geodesy.h"
 #include "raylift/io/scene_file.h"
+#include "raylift/localization/scene_calibration.h"
 
 namespace raylift::python {
 namespace {
@@ -25,7 +26,10 @@ void AddSources(Scene& scene, const SourceList& geometry, int threads) {
     }
     NamedGeometry named = ToGeometry(one);
     const std::string description = named.source->Description();
-    scene.sources.push_back({std::move(named), description, description});
+    const bool is_opened =
+        py::isinstance<Geometry>(one) && !one.cast<const Geometry&>().spec.empty();
+    const std::string spec = is_opened ? one.cast<const Geometry&>().spec : description;
+    scene.sources.push_back({std::move(named), spec, description});
   }
 }
 
@@ -64,14 +68,64 @@ ScenePointer MakeScene(const std::vector<PosedImageLike>& references, const Sour
   return scene;
 }
 
+// Geometry by the text that it was opened from, or what it holds in memory.
+py::object StateOf(const SceneSource& source) {
+  if (!source.spec.ends_with(kFromMemory)) return py::str(source.spec);
+  return python::StateOf(Geometry(source.geometry));
+}
+
+// The references with their poses, the texts of what is read anew, and what is known of the scene.
+py::tuple StateOf(const Scene& scene) {
+  const ReferenceSet& references = scene.references;
+  const bool has_model = scene.covisibility != nullptr;
+  if (has_model && !std::filesystem::exists(references.model)) {
+    throw InputError(
+        "scene: its model was in memory; one that is opened from a folder has a state");
+  }
+  py::list sources;
+  for (const SceneSource& source : scene.sources) sources.append(StateOf(source));
+  return py::make_tuple(references.images, references.model.string(), references.thinned_out,
+                        std::string(ToString(scene.model_poses)), scene.images.string(), has_model,
+                        sources, scene.warnings,
+                        scene.calibration ? FormatSceneCalibration(*scene.calibration) : "");
+}
+
+ScenePointer SceneOf(const py::tuple& state) {
+  auto scene = std::make_shared<Scene>();
+  scene->references = {state[1].cast<std::string>(), state[0].cast<std::vector<PosedImage>>(),
+                       state[2].cast<std::vector<std::string>>()};
+  scene->model_poses = ToEnum<PoseConvention>("model_poses", state[3].cast<std::string>());
+  scene->images = state[4].cast<std::string>();
+  if (state[5].cast<bool>()) {
+    scene->covisibility =
+        WithoutLock([&] { return LoadReferences(scene->references.model).covisibility; });
+  }
+  for (const py::handle& one : state[6].cast<py::list>()) {
+    if (py::isinstance<py::str>(one)) {
+      const auto spec = one.cast<std::string>();
+      WithoutLock([&] { OpenGeometry(*scene, spec); });
+    } else {
+      NamedGeometry named = GeometryOf(one.cast<py::tuple>()).named;
+      const std::string description = named.source->Description();
+      scene->sources.push_back({std::move(named), description, description});
+    }
+  }
+  scene->warnings = state[7].cast<std::vector<std::string>>();
+  const auto calibration = state[8].cast<std::string>();
+  if (calibration.empty()) return scene;
+  return std::make_shared<Scene>(Calibrated(
+      *scene, std::make_shared<const SceneCalibration>(ParseSceneCalibration(calibration))));
+}
+
 }  // namespace
 
 void BindScene(py::module_& module) {
   const auto no_sources = SourceList();
-  py::class_<Scene, ScenePointer>(
+  py::class_<Scene, ScenePointer> bound(
       module, "Scene",
       "What photographs are localized in: references with known poses, and\n"
-      "the geometry that their keypoints are lifted by.")
+      "the geometry that their keypoints are lifted by.");
+  bound
       .def(
           py::init([](const ModelLike& model, const SourceList& geometry,
                       const std::optional<PathLike>& images, const std::string& model_poses,
@@ -133,6 +187,8 @@ InputError where a file cannot be read.)")
         return fmt::format("<raylift.Scene {} references, {} sources of geometry>",
                            scene.references.images.size(), scene.sources.size());
       });
+  BindState(bound, py::overload_cast<const Scene&>(&StateOf), &SceneOf);
+  BindCopies(bound);
 }
 
 }  // namespace raylift::python

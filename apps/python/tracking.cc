@@ -57,11 +57,42 @@ PythonTrackedPose Add(SceneTracker& tracker, const ResultPointer& alone, const P
   });
 }
 
+// The result, its role, time, what odometry was before it, its own pose and confidence; and the
+// odometry's frame.
+using TrackedState = std::tuple<ResultPointer, std::string, std::optional<double>, bool,
+                                std::optional<Rigid3>, double, std::optional<Rigid3>, double>;
+
+TrackedState StateOf(const PythonTrackedPose& pose) {
+  const WalkedQuery& query = pose.tracked.query;
+  return {pose.result,
+          std::string(ToString(query.role)),
+          query.time_s,
+          query.lost_before,
+          query.single_cam_from_world,
+          query.single_confidence,
+          pose.tracked.world_from_odometry,
+          pose.tracked.scale};
+}
+
+PythonTrackedPose TrackedOf(const TrackedState& state) {
+  const auto& [result, role, time_s, lost, single, confidence, world_from_odometry, scale] = state;
+  return {{.query = {.localized = result->localized,
+                     .role = ToEnum<WalkRole>("role", role),
+                     .time_s = time_s,
+                     .lost_before = lost,
+                     .single_cam_from_world = single,
+                     .single_confidence = confidence},
+           .world_from_odometry = world_from_odometry,
+           .scale = scale},
+          result};
+}
+
 }  // namespace
 
 void BindTracking(py::module_& module) {
-  py::class_<PythonTrackedPose>(module, "TrackedPose",
-                                "A photograph of a walk. True where it has a pose.")
+  py::class_<PythonTrackedPose> bound(module, "TrackedPose",
+                                      "A photograph of a walk. True where it has a pose.");
+  bound
       .def_property_readonly(
           "result", [](const PythonTrackedPose& pose) { return pose.result; },
           "The LocalizedQuery: pose, covariance and verdict by the walk up to here.")
@@ -100,6 +131,7 @@ void BindTracking(py::module_& module) {
                            ToString(pose.tracked.query.role),
                            ToString(pose.result->localized.verdict()));
       });
+  BindState(bound, py::overload_cast<const PythonTrackedPose&>(&StateOf), &TrackedOf);
   py::class_<SceneTracker>(module, "SceneTracker", "What raylift.Tracker is made of.")
       .def(py::init([](std::shared_ptr<Scene> scene, const std::string& scale,
                        double min_confidence) {

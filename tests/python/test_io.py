@@ -1,3 +1,5 @@
+import copy
+import pickle
 import struct
 import zlib
 from pathlib import Path
@@ -81,6 +83,20 @@ def test_keypoints_and_tracks_agree(tmp_path: Path) -> None:
     model.add_image(7, "c.jpg", 3, np.eye(4), [[1, 1]], [77])
     with pytest.raises(raylift.InputError, match="image 7: keypoint 0 observes point 77"):
         model.write(tmp_path / "model")
+
+
+def test_models_pickle_copy_and_compare() -> None:
+    model = small_model()
+    model.add_image(7, "c.jpg", 3, np.eye(4), [[1, 1]], [77])  # of a point that is not there yet
+    for again in pickle.loads(pickle.dumps(model)), copy.copy(model), copy.deepcopy(model):
+        assert again == model and again is not model and repr(again) == repr(model)
+        assert again.cameras == model.cameras and again.image_ids == model.image_ids
+        assert again.image(7)["point3d_ids"].tolist() == [77] and again.track(9).tolist() == [[5, 0], [6, 0]]
+        for key, values in again.points3d.items():
+            assert np.array_equal(values, model.points3d[key])  # type: ignore[arg-type, literal-required]
+        again.add_camera(8, CAMERA)
+        assert again != model and 8 not in model.cameras
+    assert raylift.ColmapModel() == raylift.ColmapModel() != model != 5
 
 
 @pytest.mark.parametrize("name", ["a.exr", "a.npy", "a.npz", "a.tiff", "a.pfm", "a.bin", "a.png"])

@@ -1,4 +1,7 @@
+import copy
+import pickle
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -114,6 +117,46 @@ def test_pixels_outside_of_the_image_show_nothing(mesh: raylift.Mesh) -> None:
         lifted = geometry.lift(IMAGE, pixels)
         assert np.isfinite(lifted["points"]).all(axis=1).tolist() == [True, True, False, False, False]
     assert raylift.Lifter(mesh, wall).lift(IMAGE, pixels)["source"].tolist() == [1, 1, -1, -1, -1]
+
+
+def test_geometry_pickles_copies_compares_and_shows_itself(mesh: raylift.Mesh, tmp_path: Path) -> None:
+    caster = raylift.RayCaster(mesh, build="low")
+    depth = caster.render(PINHOLE, FRONT)["depth"]
+    np.save(tmp_path / "front.npy", depth)
+    model = raylift.ColmapModel()
+    model.add_camera(1, PINHOLE)
+    model.add_image(1, "front.jpg", 1, FRONT, PIXELS)
+    for i in range(2):
+        model.add_point3d(i, [0, 0, -1 + i], [[1, i]])
+    model.write(tmp_path / "model")
+    in_memory: dict[str, Any] = dict(interpolation="nearest", max_jump=0.1)
+    several: list[Any] = [raylift.Geometry(mesh), raylift.Geometry(f"depth:{tmp_path}", references=[IMAGE]),
+               raylift.Geometry("sfm", model=tmp_path / "model", references=[IMAGE]),
+               raylift.DepthMaps(tmp_path, [IMAGE], scale=2),
+               raylift.DepthMaps.from_arrays({"front.jpg": depth}, [IMAGE], **in_memory),
+               raylift.SfmPoints(tmp_path / "model", [IMAGE]), raylift.Lifter(caster, mesh, geometry_mode="all")]
+    for one in several:
+        again = pickle.loads(pickle.dumps(one))
+        for other in again, copy.copy(one), copy.deepcopy(one):
+            assert type(other) is type(one) and repr(other) == repr(one) and other is not one
+            for before, after in zip(one.lift(IMAGE, PIXELS).values(), other.lift(IMAGE, PIXELS).values()):
+                np.testing.assert_array_equal(before, after)
+        assert isinstance(one, raylift.Lifter) or one == again and hash(one) == hash(again)
+    assert several[0] != several[1] != several[3] and several[4] != several[3] and several[0] != 5
+    assert raylift.DepthMaps.from_arrays({"front.jpg": depth + 1}, [IMAGE], **in_memory) != several[4]
+    assert repr(several[-1]) == "<raylift.Lifter mesh from memory, mesh from memory>"
+    assert len({caster, pickle.loads(pickle.dumps(caster))}) == 1
+    assert pickle.loads(pickle.dumps(caster)) == caster == raylift.RayCaster(mesh, build="low") != raylift.RayCaster(mesh)
+
+    for maps in several[3], several[4]:
+        assert isinstance(maps, raylift.DepthMaps)
+        assert some(maps._repr_png_()).startswith(b"\x89PNG")
+    (tmp_path / "front.npy").unlink()
+    assert raylift.DepthMaps.from_arrays({"front.jpg": 0 * depth}, [IMAGE])._repr_png_() is None
+    cloud = raylift.Geometry(raylift.RayCaster.of_points(np.random.default_rng(0).normal(0, 1, (40, 3))))
+    assert cloud == cloud and cloud != several[0]
+    with pytest.raises(raylift.InputError, match="geometry: cloud from memory has no state"):
+        pickle.dumps(cloud)
 
 
 def wall_problem() -> tuple[Problem, raylift.PoseProblem, NDArray[np.float64], raylift.Mesh]:

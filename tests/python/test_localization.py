@@ -535,3 +535,32 @@ def test_queries_that_become_references(hloc: HlocScene, tmp_path: Path) -> None
     references = {reference.name for problem in problems for reference in problem.references}
     assert "query/query_02.jpg" in references
     hloc.expect_near("query/query_02.jpg", raylift.read_poses(tmp_path / "out/poses.txt")["query/query_02.jpg"], 0.1)
+
+
+def test_localizers_and_scenes_pickle_copy_and_show_themselves(hloc: HlocScene, tmp_path: Path) -> None:
+    files: dict[str, Any] = dict(features=hloc.features, matches=hloc.matches_file, pairs=hloc.pairs)
+    localizer = raylift.Localizer(hloc.scene, method="p3p", **files)
+    assert repr(localizer) == f"<raylift.Localizer in {len(hloc.scene.references)} references, method p3p>"
+    again = pickle.loads(pickle.dumps(localizer))
+    name, camera = hloc.queries[0]
+    found = [one.localize_all([(name, camera)])[name] for one in (localizer, again)]
+    assert some(found[0].cam_from_world) == some(found[1].cam_from_world)
+
+    picture = found[0]._repr_png_()
+    assert some(picture).startswith(b"\x89PNG") and "data:image/jpeg" in found[0]._repr_html_()
+    assert pickle.loads(pickle.dumps(found[0]))._repr_png_() is None
+    assert "data:image" not in pickle.loads(pickle.dumps(found[0]))._repr_html_()
+
+    scene = raylift.Scene(DEMO / "model", [MESH], images=DEMO / "images", every=3)
+    mixed = raylift.Scene.of(scene.references, [some(scene.mesh).mesh, MESH, raylift.Geometry(MESH)])
+    for one in scene, mixed:
+        for other in pickle.loads(pickle.dumps(one)), copy.copy(one), copy.deepcopy(one):
+            assert other == one and hash(other) == hash(one) and other is not one and repr(other) == repr(one)
+            assert [g.description for g in other.geometry] == [g.description for g in one.geometry]
+            pixels = [[300, 200]]
+            for before, after in zip(one.geometry, other.geometry):
+                assert np.array_equal(before.lift(one.references[0], pixels)["points"],
+                                      after.lift(one.references[0], pixels)["points"])
+    assert scene != mixed and scene != raylift.Scene(DEMO / "model", [MESH], images=DEMO / "images", every=2)
+    with pytest.raises(raylift.InputError, match="scene: its model was in memory"):
+        pickle.dumps(raylift.Scene(raylift.ColmapModel.read(DEMO / "model")))

@@ -1,6 +1,8 @@
 """Walks, one photograph after the other."""
 
+import copy
 import json
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -66,6 +68,11 @@ def test_a_photograph_without_a_pose_gets_the_walks(hloc: HlocScene, localizer: 
     assert tracked.role == "rescued" and tracked.single_cam_from_world is None and tracked.single_confidence == 0
     assert np.abs(some(tracked.result.cam_from_world).center - hloc.truth[last].cam_from_world.center).max() < 0.05
     assert "rescued" in repr(tracked)
+    for again in pickle.loads(pickle.dumps(tracked)), copy.copy(tracked):
+        assert again == tracked and again is not tracked and repr(again) == repr(tracked)
+        assert again.result == tracked.result and again.world_from_odometry == tracked.world_from_odometry
+        assert (again.scale, again.lost_before, again.single_confidence) == (1, False, 0)
+    assert tracked != raylift.Tracker(localizer).add(alone[names[0]], cam_from_odometry=odometry[names[0]], time=0)
 
 
 def test_what_is_no_walk_is_refused(hloc: HlocScene, localizer: raylift.Localizer,

@@ -586,6 +586,14 @@ class RayCaster:
         deviations along their axes (N, 3), opacities (N,) and colors (N, 3) from 0 to 1. depth:
         "median", "expected" or "peak". `triangles` of cast() are indices of Gaussians.
         """
+    def __eq__(self, other: object) -> bool:
+        """
+        Equal in all that is kept when pickled.
+        """
+    def __getstate__(self) -> tuple[Mesh, str]:
+        ...
+    def __hash__(self) -> int:
+        ...
     def __init__(self, mesh: raylift._types.GeometryLike, *, build: str = 'medium') -> None:
         """
         Builds the acceleration structure of a Mesh, or of a text as the option --geometry takes it:
@@ -593,6 +601,8 @@ class RayCaster:
         few.
         """
     def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: tuple[Mesh, str]) -> None:
         ...
     def _repr_png_(self) -> bytes | None:
         """
@@ -662,6 +672,18 @@ class Geometry:
     """
     A source of geometry: which point of the scene a reference's pixel shows.
     """
+    def __copy__(self) -> Geometry:
+        ...
+    def __deepcopy__(self, memo: typing.Any) -> Geometry:
+        ...
+    def __eq__(self, other: object) -> bool:
+        """
+        Equal in all that is kept when pickled.
+        """
+    def __getstate__(self) -> tuple[typing.Any, ...]:
+        ...
+    def __hash__(self) -> int:
+        ...
     def __init__(self, geometry: raylift._types.GeometryLike, *, model: raylift._types.PathLike | None = None, references: collections.abc.Sequence[raylift._types.PosedImageLike] = [], threads: typing.SupportsInt | typing.SupportsIndex = 0) -> None:
         """
         From a Mesh, a RayCaster, or a text as the option --geometry takes it:
@@ -669,6 +691,8 @@ class Geometry:
         (without DIR, the points of `model`). Raises OptionError for what is none.
         """
     def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: tuple[typing.Any, ...]) -> None:
         ...
     def lift(self, reference: raylift._types.PosedImageLike, pixels: numpy.typing.ArrayLike) -> raylift._results.LiftedPixels:
         """
@@ -702,11 +726,29 @@ class DepthMaps(Geometry):
         Keywords: kind="z" (or "ray", "inverse"), scale=1, max_depth, interpolation="edge"
         (or "nearest"), max_jump=0.05.
         """
+    def __copy__(self) -> DepthMaps:
+        ...
+    def __deepcopy__(self, memo: typing.Any) -> DepthMaps:
+        ...
+    def __eq__(self, other: object) -> bool:
+        """
+        Equal in all that is kept when pickled.
+        """
+    def __getstate__(self) -> tuple[typing.Any, ...]:
+        ...
+    def __hash__(self) -> int:
+        ...
     def __init__(self, folder: raylift._types.PathLike, references: collections.abc.Sequence[raylift._types.PosedImageLike], **kwargs: raylift._types.SpecValue) -> None:
         """
         Finds the references' maps in a folder or file. Keywords are the keys of --geometry depth:...
         (preset, kind, unit, scale, pattern, ...; `raylift localize --help` lists them). Raises
         InputError where there is no map.
+        """
+    def __setstate__(self, arg0: tuple[typing.Any, ...]) -> None:
+        ...
+    def _repr_png_(self) -> bytes | None:
+        """
+        The first reference's map, dark where it is near.
         """
     def load(self, reference: raylift._types.PosedImageLike) -> numpy.typing.NDArray[numpy.float32] | None:
         """
@@ -717,20 +759,40 @@ class SfmPoints(Geometry):
     """
     The points of a COLMAP model, lifted by its own keypoints.
     """
+    def __copy__(self) -> SfmPoints:
+        ...
+    def __deepcopy__(self, memo: typing.Any) -> SfmPoints:
+        ...
+    def __eq__(self, other: object) -> bool:
+        """
+        Equal in all that is kept when pickled.
+        """
+    def __getstate__(self) -> tuple[typing.Any, ...]:
+        ...
+    def __hash__(self) -> int:
+        ...
     def __init__(self, model: raylift._types.PathLike, references: collections.abc.Sequence[raylift._types.PosedImageLike] = [], **kwargs: raylift._types.SpecValue) -> None:
         """
         Keywords are the keys of --geometry sfm:... (radius, min_track, ...).
         """
+    def __setstate__(self, arg0: tuple[typing.Any, ...]) -> None:
+        ...
 class Lifter:
     """
     Lifts keypoints of references to the scene by one source of geometry or several.
     """
+    def __getstate__(self) -> tuple[typing.Any, ...]:
+        ...
     def __init__(self, *args: raylift._types.GeometryLike, geometry_mode: str = 'first') -> None:
         """
         Each source is a Mesh, RayCaster, DepthMaps, SfmPoints, Geometry or "mesh:PATH"; they are
         asked in order. geometry_mode: of lift_matches(), the point of the "first" that has one,
         or those of "all".
         """
+    def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: tuple[typing.Any, ...]) -> None:
+        ...
     def lift(self, reference: raylift._types.PosedImageLike, pixels: numpy.typing.ArrayLike) -> raylift._results.LiftedBySources:
         """
         The surface points that pixels (N, 2) of a reference show. A dict: points and normals (N, 3) in
@@ -759,6 +821,18 @@ class Scene:
         """
         From a scene file (TOML); geometry: names of its geometries, by default the first one.
         """
+    def __copy__(self) -> Scene:
+        ...
+    def __deepcopy__(self, memo: typing.Any) -> Scene:
+        ...
+    def __eq__(self, other: object) -> bool:
+        """
+        Equal in all that is kept when pickled.
+        """
+    def __getstate__(self) -> tuple[typing.Any, ...]:
+        ...
+    def __hash__(self) -> int:
+        ...
     def __init__(self, model: raylift._types.ModelLike, geometry: collections.abc.Sequence[raylift._types.GeometryLike] = [], *, images: raylift._types.PathLike | None = None, model_poses: str = 'cam_from_world', every: typing.SupportsInt | typing.SupportsIndex = 1, every_offset: typing.SupportsInt | typing.SupportsIndex = 0, every_per_camera: bool = False, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> None:
         """
         From a COLMAP model: a folder (text or binary), a pycolmap.Reconstruction or a ColmapModel.
@@ -768,6 +842,8 @@ class Scene:
         InputError where a file cannot be read.
         """
     def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: tuple[typing.Any, ...]) -> None:
         ...
     @property
     def geometry(self) -> list[Geometry]:
@@ -806,6 +882,10 @@ class LocalizedQuery:
         ...
     def _repr_html_(self) -> str:
         ...
+    def _repr_png_(self) -> bytes | None:
+        """
+        The scene as the photograph's camera sees it from the pose.
+        """
     @property
     def cam_from_world(self) -> Rigid3 | None:
         """
@@ -848,7 +928,9 @@ class Localizer:
     """
     Localizes photographs in a scene. Thread safe.
     """
-    def __init__(self, scene: Scene, *, reference_features: collections.abc.Mapping[str, raylift._types.FeaturesLike] = {}, extractor: raylift._types.Extractor | None = None, matcher: raylift._types.Matcher | None = None, retrieval: raylift._types.GlobalDescriptor | None = None, threads: typing.SupportsInt | typing.SupportsIndex = 0, **kwargs: typing_extensions.Unpack[raylift._types.LocalizerOptions]) -> None:
+    def __getstate__(self) -> tuple[typing.Any, ...]:
+        ...
+    def __init__(self, scene: Scene, *, reference_features: collections.abc.Mapping[str, raylift._types.FeaturesLike] = {}, extractor: raylift._types.Extractor | None = None, matcher: raylift._types.Matcher | None = None, threads: typing.SupportsInt | typing.SupportsIndex = 0, **kwargs: typing_extensions.Unpack[raylift._types.LocalizerOptions]) -> None:
         """
         Options as of `raylift localize`, with its defaults: those of raylift.estimate_pose(), and
         filter="off", filter_reprojection_px=4, filter_min_views=3, filter_min_ratio=0.8,
@@ -894,6 +976,10 @@ class Localizer:
 
         Raises OptionError for an option out of range.
         """
+    def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: tuple[typing.Any, ...]) -> None:
+        ...
     def leave_one_out(self, *, threads: typing.SupportsInt | typing.SupportsIndex = 0, progress: raylift._types.Progress | None = None) -> dict[str, LocalizedQuery]:
         """
         Each reference as a query of the others: what is to be expected where no query's pose
@@ -937,9 +1023,18 @@ class TrackedPose:
     """
     A photograph of a walk. True where it has a pose.
     """
+    __hash__: typing.ClassVar[None]  # type: ignore[assignment]
     def __bool__(self) -> bool:
         ...
+    def __eq__(self, other: object) -> bool:
+        """
+        Equal in all that is kept when pickled.
+        """
+    def __getstate__(self) -> tuple[LocalizedQuery, str, float | None, bool, Rigid3 | None, float, Rigid3 | None, float]:
+        ...
     def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: tuple[LocalizedQuery, str, typing.SupportsFloat | typing.SupportsIndex | None, bool, Rigid3 | None, typing.SupportsFloat | typing.SupportsIndex, Rigid3 | None, typing.SupportsFloat | typing.SupportsIndex]) -> None:
         ...
     @property
     def lost_before(self) -> bool:
@@ -992,16 +1087,25 @@ class ColmapModel:
     """
     A COLMAP model: cameras, images and points, kept without loss.
     """
+    __hash__: typing.ClassVar[None]  # type: ignore[assignment]
     @staticmethod
     def read(folder: raylift._types.PathLike) -> ColmapModel:
         """
         Text or binary. Raises InputError naming file and record.
         """
+    def __eq__(self, other: object) -> bool:
+        """
+        Equal in all that is kept when pickled.
+        """
+    def __getstate__(self) -> tuple[dict[str, bytes], list[str]]:
+        ...
     def __init__(self) -> None:
         """
         An empty one.
         """
     def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: tuple[collections.abc.Mapping[str, bytes], collections.abc.Sequence[str]]) -> None:
         ...
     def add_camera(self, camera_id: typing.SupportsInt | typing.SupportsIndex, camera: raylift._types.CameraLike) -> None:
         ...

@@ -213,7 +213,7 @@ class LocalizerOptions(HlocOptions, total=False):
     matches: PathLike
     pairs: PathLike
     top_k: int
-    retrieval: Literal["vlad", "global", "pose", "overlap", "covisibility"]
+    retrieval: Union[Literal["vlad", "global", "pose", "overlap", "covisibility"], GlobalDescriptor]
     global_features: PathLike
     query_global_features: PathLike
     prior_poses: Union[PathLike, Mapping[str, PoseLike]]
