@@ -62,8 +62,10 @@ the principal point.)")
           "model",
           [](const Camera& camera) { return std::string(GetCameraModelInfo(camera.model()).name); },
           "COLMAP's name of the model.")
-      .def_property_readonly("width", &Camera::width_px, "Pixels.")
-      .def_property_readonly("height", &Camera::height_px, "Pixels.")
+      .def_property_readonly(
+          "width", [](const Camera& camera) { return camera.width_px(); }, "Pixels.")
+      .def_property_readonly(
+          "height", [](const Camera& camera) { return camera.height_px(); }, "Pixels.")
       .def_property_readonly(
           "params",
           [](const Camera& camera) {
@@ -113,7 +115,9 @@ the principal point.)")
           py::arg("other"))
       .def("__hash__",
            [](const Camera& camera) { return std::hash<std::string>()(camera.ToString()); })
-      .def("__str__", &Camera::ToString, "\"MODEL width height params...\"")
+      .def(
+          "__str__", [](const Camera& camera) { return camera.ToString(); },
+          "\"MODEL width height params...\"")
       .def("__repr__",
            [](const Camera& camera) {
              return fmt::format("<raylift.Camera {}>", camera.ToString());

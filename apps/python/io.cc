@@ -249,8 +249,9 @@ void BindModel(py::module_& module) {
           "An image as a dict: name, camera_id, cam_from_world, points2d (N, 2), point3d_ids (N,), "
           "-1:\n"
           "none.")
-      .def_property_readonly("posed_images", &ColmapModel::PosedImages,
-                             "The images with their cameras, a list of PosedImage sorted by name.")
+      .def_property_readonly(
+          "posed_images", [](const ColmapModel& model) { return model.PosedImages(); },
+          "The images with their cameras, a list of PosedImage sorted by name.")
       .def_property_readonly(
           "points3d", &PointsDict,
           "A dict of arrays: ids (N,), positions (N, 3), colors (N, 3) uint8, errors_px (N,),\n"

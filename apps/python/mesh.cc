@@ -142,17 +142,17 @@ void BindMesh(py::module_& module) {
           "(N, 3) in the world; a copy, as they are held in float around an origin.")
       .def_property_readonly(
           "triangles",
-          [](const std::shared_ptr<TriangleMesh>& mesh) {
-            return View(mesh->triangles.empty() ? nullptr : mesh->triangles.front().data(),
-                        {std::ssize(mesh->triangles), 3}, py::cast(mesh));
+          [](TriangleMesh& mesh) {
+            return View(mesh.triangles.empty() ? nullptr : mesh.triangles.front().data(),
+                        {std::ssize(mesh.triangles), 3}, py::cast(&mesh));
           },
           "(M, 3), uint32: indices of vertices. A view.")
       .def_property_readonly(
           "colors",
-          [](const std::shared_ptr<TriangleMesh>& mesh) -> std::optional<py::array_t<uint8_t>> {
-            if (mesh->vertex_colors_rgb.empty()) return std::nullopt;
-            return View(mesh->vertex_colors_rgb.front().data(),
-                        {std::ssize(mesh->vertex_colors_rgb), 3}, py::cast(mesh));
+          [](TriangleMesh& mesh) -> std::optional<py::array_t<uint8_t>> {
+            if (mesh.vertex_colors_rgb.empty()) return std::nullopt;
+            return View(mesh.vertex_colors_rgb.front().data(),
+                        {std::ssize(mesh.vertex_colors_rgb), 3}, py::cast(&mesh));
           },
           "The vertices' colors (N, 3), uint8, or None. A view.")
       .def_property_readonly("has_texture",

@@ -149,63 +149,9 @@ def test_what_differs_is_not_equal() -> None:
         assert one != other
 
 
-WRONG_CALLS = """
-import ast, pathlib, sys
-import numpy as np
-import raylift
-from raylift import _core
-
-VALUES = [None, 5, -1, "nowhere", b"x", [], [1], ["a"], {}, {"a": 1}, np.zeros(3), np.full((2, 2), np.nan),
-          object(), float("nan"), print, raylift.Rigid3(), True]
-random = np.random.default_rng(0)
-
-
-def calls(function, count):
-    # Each value for all arguments, and mixtures.
-    for value in VALUES:
-        for n in range(1, count + 1):
-            yield [value] * n
-    for _ in range(40):
-        yield [VALUES[i] for i in random.integers(0, len(VALUES), max(count, 1))]
-
-
-def attack(name, function, count):
-    print(name, flush=True)  # the last one is whom it ended with
-    for arguments in calls(function, count):
-        try:
-            function(*arguments)
-        except Exception as error:
-            told = str(error)
-            assert "C++" not in told and "Invoked with" not in told, told
-
-
-def parameters(node):
-    return len([a for a in node.args.args if a.arg != "self"])
-
-
-stub = ast.parse((pathlib.Path(raylift.__file__).parent / "_core.pyi").read_text())
-for node in stub.body:
-    if isinstance(node, ast.FunctionDef) and node.name not in ("run_program", "run_command"):
-        attack(node.name, getattr(_core, node.name), parameters(node))
-    if isinstance(node, ast.ClassDef):
-        owner = getattr(_core, node.name)
-        for method in node.body:
-            if not isinstance(method, ast.FunctionDef):
-                continue
-            if method.name == "__init__":
-                attack(node.name, owner, parameters(method))
-            elif any(getattr(d, "id", "") == "staticmethod" for d in method.decorator_list):
-                attack(f"{node.name}.{method.name}", getattr(owner, method.name), parameters(method))
-            elif not method.name.startswith("__") and not method.decorator_list:
-                # Also without an object of its own class.
-                attack(f"{node.name}.{method.name}", getattr(owner, method.name), parameters(method) + 1)
-print("survived")
-"""
-
-
 def test_no_wrong_argument_ends_the_process(tmp_path: Path) -> None:
-    run = subprocess.run([sys.executable, "-c", WRONG_CALLS], text=True, capture_output=True, cwd=tmp_path,
-                         timeout=250)
+    run = subprocess.run([sys.executable, SOURCE / "tests/python/wrong_calls.py"], text=True, capture_output=True,
+                         cwd=tmp_path, timeout=600)
     assert run.stdout.endswith("survived\n"), run.stdout[-300:] + run.stderr
 
 
@@ -238,6 +184,15 @@ def test_a_wrong_type_is_a_type_error_and_an_input_error(message: str, call: Cal
     for kind in TypeError, ValueError, raylift.InputError:
         with pytest.raises(kind, match=f"^{message}"):
             call()
+    with pytest.raises(raylift.InputError) as wrong_value:
+        raylift.Rigid3.of(2 * np.eye(4))
+    assert not isinstance(wrong_value.value, TypeError)
+
+
+def test_methods_without_an_object_are_type_errors() -> None:
+    for method in raylift.Camera.__str__, raylift.Mesh._repr_png_, raylift.ColmapModel.write:
+        with pytest.raises(raylift.InputError, match="expected"):
+            method(None)  # type: ignore[arg-type, call-arg]
 
 
 def test_a_scene_of_an_object_that_writes_a_model() -> None:
