@@ -489,7 +489,8 @@ def predicted(names: tuple[str, str], shape: tuple[int, int], shift: int) -> dic
     values = np.random.default_rng(0).normal(size=(shape[0], shape[1] + shift, 3))
     values /= np.linalg.norm(values, axis=2, keepdims=True)
     confidence = np.arange(shape[0] * shape[1], dtype=float).reshape(1, *shape)
-    return {"pred1": {"pts3d": Tensor([]), names[0]: Tensor(values[None, :, :shape[1]]), "desc_conf": Tensor(confidence)},
+    return {"pred1": {"pts3d": Tensor([]), names[0]: Tensor(values[None, :, :shape[1]]),
+                      "desc_conf": Tensor(confidence)},
             "pred2": {names[1]: Tensor(values[None, :, shift:]), "desc_conf": Tensor(confidence + 5)}}
 
 

@@ -205,8 +205,9 @@ def _checked(result: Any, keypoints: Optional[Sequence[np.ndarray]] = None) -> _
     """The pixels of what a matcher returned; `keypoints` are those of the features it was given."""
     first_px, second_px, scores = _found(result, keypoints)
     if len(first_px) != len(second_px) or (scores is not None and len(scores) != len(first_px)):
+        num_scores = len(first_px) if scores is None else len(scores)
         raise _core.InputError(f"matcher: expected as many pixels of both photographs and scores, found "
-                               f"{len(first_px)}, {len(second_px)} and {len(first_px) if scores is None else len(scores)}")
+                               f"{len(first_px)}, {len(second_px)} and {num_scores}")
     return first_px, second_px, scores
 
 
@@ -241,7 +242,7 @@ class _MatchCache:
         try:
             import h5py
         except ImportError:
-            raise ImportError("matcher_name needs h5py, which keeps matches in hloc's layout: pip install h5py") from None
+            raise ImportError("matcher_name needs h5py, which keeps matches as hloc does: pip install h5py") from None
         if "/" in name:
             raise _core.OptionError(f"matcher_name = {name}: must be part of a file's name")
         os.makedirs(folder, exist_ok=True)

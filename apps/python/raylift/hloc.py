@@ -48,7 +48,7 @@ class _Points:
         points = model.points3d
         self._ids = {position.tobytes(): int(i) for i, position in zip(points["ids"], points["positions"])}
 
-    def log(self, problem: _core.PoseProblem) -> Optional[Dict[str, Any]]:
+    def log(self, problem: _core.PoseProblem) -> Optional[Dict[str, object]]:
         """What hloc.localize_sfm logs of points that have ids. hloc's viewer looks a point up in the tracks
         of the references in `db`, of which it expects that each shows some: the others are left out.
         None where a point is none of the model's."""
