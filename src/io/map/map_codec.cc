@@ -59,30 +59,6 @@ class Reader {
   std::string_view rest_;
 };
 
-std::string Deflated(std::string_view bytes) {
-  uLongf size = compressBound(bytes.size());
-  std::string deflated(size, '\0');
-  const int result = compress2(reinterpret_cast<Bytef*>(deflated.data()), &size,
-                               reinterpret_cast<const Bytef*>(bytes.data()), bytes.size(),
-                               Z_BEST_COMPRESSION);
-  RAYLIFT_CHECK_EQ(result, Z_OK);
-  deflated.resize(size);
-  return deflated;
-}
-
-std::string Inflated(const Reader& reader, std::string_view deflated, size_t size) {
-  if (size > kMaxDeflateRatio * (deflated.size() + 1)) {
-    reader.Fail(fmt::format("claims {} bytes, more than its {} compressed bytes can become", size,
-                            deflated.size()));
-  }
-  std::string bytes(size, '\0');
-  uLongf inflated = size;
-  const int result = uncompress(reinterpret_cast<Bytef*>(bytes.data()), &inflated,
-                                reinterpret_cast<const Bytef*>(deflated.data()), deflated.size());
-  if (result != Z_OK || inflated != size) reader.Fail("the entry is damaged");
-  return bytes;
-}
-
 // ---- depth ----
 
 constexpr int kNumCodes = 65536;
@@ -135,6 +111,35 @@ uint16_t Folded(int difference) {
 int Unfolded(uint16_t folded) { return folded % 2 == 0 ? folded / 2 : -(folded + 1) / 2; }
 
 }  // namespace
+
+std::string Deflated(std::string_view bytes) {
+  uLongf size = compressBound(bytes.size());
+  std::string deflated(size, '\0');
+  const int result = compress2(reinterpret_cast<Bytef*>(deflated.data()), &size,
+                               reinterpret_cast<const Bytef*>(bytes.data()), bytes.size(),
+                               Z_BEST_COMPRESSION);
+  RAYLIFT_CHECK_EQ(result, Z_OK);
+  deflated.resize(size);
+  return deflated;
+}
+
+std::string Inflated(const path& file, const std::string& name, std::string_view deflated,
+                     size_t size) {
+  if (size > kMaxDeflateRatio * (deflated.size() + 1)) {
+    throw InputError(
+        file, name,
+        fmt::format("claims {} bytes, more than its {} compressed bytes can become", size,
+                    deflated.size()));
+  }
+  std::string bytes(size, '\0');
+  uLongf inflated = size;
+  const int result = uncompress(reinterpret_cast<Bytef*>(bytes.data()), &inflated,
+                                reinterpret_cast<const Bytef*>(deflated.data()), deflated.size());
+  if (result != Z_OK || inflated != size) {
+    throw InputError(file, name, "the entry is damaged");
+  }
+  return bytes;
+}
 
 std::string EncodeDepth(const DepthMap& map) {
   const LogRange range = RangeOf(map.z);
@@ -189,7 +194,7 @@ DepthMap DecodeDepth(const path& file, const std::string& name, std::string_view
     reader.Fail("its range of depths is damaged");
   }
   const std::string_view deflated = reader.Take(reader.Take<uint32_t>());
-  const std::string has_code = Inflated(reader, deflated, kNumCodes / 8);
+  const std::string has_code = Inflated(file, name, deflated, kNumCodes / 8);
   std::vector<float> depths;  // by rank
   for (int code = 0; code < kNumCodes; ++code) {
     const auto eight = static_cast<uint8_t>(has_code[static_cast<size_t>(code) / 8]);
@@ -354,7 +359,7 @@ Features DecodeFeatures(const path& file, const std::string& name, std::string_v
   const size_t of_keypoint =
       2 * (is_compact ? sizeof(uint16_t) : sizeof(float)) + (has_scores ? sizeof(float) : 0);
   const std::string body_bytes =
-      Inflated(head, head.Rest(), count * (of_keypoint + dimension * of_value));
+      Inflated(file, name, head.Rest(), count * (of_keypoint + dimension * of_value));
   Reader body(file, name, body_bytes);
   const double step = PixelStep(features.image_width_px, features.image_height_px, is_compact);
   features.keypoints_px.resize(count);

@@ -2,6 +2,7 @@
 
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
 #include <string>
 #include <string_view>
@@ -29,5 +30,10 @@ DepthMap DecodeDepth(const std::filesystem::path& file, const std::string& name,
 std::string EncodeFeatures(const Features& features, DescriptorPrecision precision);
 Features DecodeFeatures(const std::filesystem::path& file, const std::string& name,
                         std::string_view bytes);
+
+// Bytes by zlib, and back to so many; InputError where they are damaged.
+std::string Deflated(std::string_view bytes);
+std::string Inflated(const std::filesystem::path& file, const std::string& name,
+                     std::string_view deflated, size_t size);
 
 }  // namespace raylift

@@ -12,6 +12,7 @@
 #include "base/bytes.h"
 #include "base/json_text.h"
 #include "base/mapped_file.h"
+#include "base/read_limits.h"
 #include "io/binary/zip_archive.h"
 #include "io/map/map_codec.h"
 #include "io/text/json_document.h"
@@ -103,12 +104,13 @@ std::vector<PosedImage> ParseReferences(const path& file, std::string text) {
 constexpr int kVectorSteps = 127;
 
 std::string EncodeRetrieval(const PackedRetrieval& retrieval) {
-  std::string bytes;
+  std::string sizes;
   for (const Eigen::Index size :
        {retrieval.words.rows(), retrieval.words.cols(), retrieval.vectors.cols()}) {
     const auto count = static_cast<uint32_t>(size);
-    bytes += AsBytes(std::span<const uint32_t, 1>(&count, 1));
+    sizes += AsBytes(std::span<const uint32_t, 1>(&count, 1));
   }
+  std::string bytes;
   bytes += AsBytes(std::span<const float>(retrieval.words.data(),
                                           static_cast<size_t>(retrieval.words.size())));
   for (const auto& vector : retrieval.vectors.colwise()) {
@@ -117,7 +119,7 @@ std::string EncodeRetrieval(const PackedRetrieval& retrieval) {
       bytes += static_cast<char>(std::lround(value / largest * kVectorSteps));
     }
   }
-  return bytes;
+  return sizes + Deflated(bytes);
 }
 
 PackedRetrieval DecodeRetrieval(const path& file, const std::string& bytes, size_t num_references) {
@@ -128,14 +130,14 @@ PackedRetrieval DecodeRetrieval(const path& file, const std::string& bytes, size
   const uint64_t num_words = LoadNumber<uint32_t>(bytes.data() + sizeof(uint32_t));
   const uint64_t count = LoadNumber<uint32_t>(bytes.data() + 2 * sizeof(uint32_t));
   const uint64_t size = dimension * num_words;
-  if (count != num_references || size > bytes.size() ||
-      bytes.size() != kSizes + size * sizeof(float) + count * size) {
-    fail();
-  }
+  if (count != num_references || size > kMaxDeflateRatio * bytes.size()) fail();
+  const std::string body =
+      Inflated(file, std::string(kRetrieval), std::string_view(bytes).substr(kSizes),
+               size * sizeof(float) + count * size);
   PackedRetrieval retrieval;
   retrieval.words.resize(static_cast<Eigen::Index>(dimension),
                          static_cast<Eigen::Index>(num_words));
-  const char* next = bytes.data() + kSizes;
+  const char* next = body.data();
   for (float& value : retrieval.words.reshaped()) {
     value = LoadNumber<float>(next);
     if (!std::isfinite(value)) fail();
