@@ -210,8 +210,9 @@ Command AddMapCommand(CLI::App& program) {
   geometry.Add("--crs", flags->options.crs,
                "What the world's coordinates are, which is kept in the map (by pack)");
   AddRunOptions(command, flags->run);
-  SetFooter(command,
-            R"(A map holds what `localize` needs of a scene: poses, each reference's depth in 16 bits of its
+  SetFooter(
+      command,
+      R"(A map holds what `localize` needs of a scene: poses, each reference's depth in 16 bits of its
 logarithm (of a mesh, what the reference sees of it), features and what references are
 found by. It stands wherever --scene does.
 Example:

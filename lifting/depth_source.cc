@@ -142,13 +142,12 @@ std::optional<path> FindBundle(const path& place, const std::vector<std::string>
 
 std::string DescribeStored(const StoredDepth& stored, const std::optional<DepthBundle>& bundle,
                            bool is_packed, const DepthConvention& convention) {
-  std::string text =
-      bundle ? bundle->Description()
-             : fmt::format("{} {} x {}",
-                           is_packed ? "16 bits of the logarithm"
-                                     : fmt::format("{} {}", ToString(stored.format),
-                                                   stored.sample_type),
-                           stored.width_px, stored.height_px);
+  std::string text = bundle ? bundle->Description()
+                            : fmt::format("{} {} x {}",
+                                          is_packed ? "16 bits of the logarithm"
+                                                    : fmt::format("{} {}", ToString(stored.format),
+                                                                  stored.sample_type),
+                                          stored.width_px, stored.height_px);
   text += fmt::format(", {}", ToString(convention.kind));
   if (!stored.layer.empty()) text += fmt::format(", layer {}", stored.layer);
   if (convention.sensor) text += ", registered into the photograph's camera";
@@ -255,7 +254,8 @@ struct DepthFolder::Impl {
   StoredDepth ReadStored(const PosedImage& reference) const {
     if (packed) {
       DepthMap map = packed->ReadDepth(reference.name);
-      return {map.width_px, map.height_px, std::move(map.z), DepthFileFormat::kRaw, "float32", {}, {}};
+      return {
+          map.width_px, map.height_px, std::move(map.z), DepthFileFormat::kRaw, "float32", {}, {}};
     }
     return bundle ? bundle->Map(reference)
                   : ReadDepthFile(files.at(reference.name), ReadOptions(reference.camera));
@@ -363,8 +363,8 @@ DepthFolder::DepthFolder(path folder, DepthConvention convention,
   impl_->convention = std::move(convention);
   impl_->max_cache_bytes = max_cache_bytes;
   const bool is_packed = IsPackedMap(impl_->folder);
-  const auto bundle = is_packed ? std::nullopt
-                                : FindBundle(impl_->folder, impl_->convention.bundle.files);
+  const auto bundle =
+      is_packed ? std::nullopt : FindBundle(impl_->folder, impl_->convention.bundle.files);
   std::string found_at;
   if (is_packed) {
     found_at = impl_->folder.string();
@@ -405,7 +405,9 @@ DepthFolder::DepthFolder(path folder, DepthConvention convention,
 // Says how the maps are read, by the first one.
 void DepthFolder::LookAt(const PosedImage& first) {
   const StoredDepth stored = impl_->ReadStored(first);
-  understood_ = DescribeStored(stored, impl_->bundle, impl_->packed.has_value(), impl_->convention) + understood_;
+  understood_ =
+      DescribeStored(stored, impl_->bundle, impl_->packed.has_value(), impl_->convention) +
+      understood_;
   const std::string file = impl_->FileOf(first).string();
   if (stored.sample_type == "uint8") {
     throw InputError(file, "expected depth in 16 bits or floats, found 8 bits");

@@ -91,8 +91,7 @@ std::optional<RetrievalOptions> TakeRetrieval(Keywords& keywords, const Scene& s
   return options;
 }
 
-MatchingOptions TakeMatchingOptions(Keywords& keywords, const Scene& scene,
-                                    OwnMatching own) {
+MatchingOptions TakeMatchingOptions(Keywords& keywords, const Scene& scene, OwnMatching own) {
   MatchingOptions options;
   HlocFlags given;
   keywords.Take("features", given.files.features);

@@ -83,9 +83,9 @@ class Packing {
   }
 
   std::optional<PackedRetrieval> Retrieval() const {
-    const Vocabulary vocabulary = TrainVocabulary(
-        entries_.size(), [&](size_t i, const auto& look) { look(FeaturesOf(i)); },
-        {.seed = header_.seed, .threads = hooks_.threads});
+    const Vocabulary vocabulary =
+        TrainVocabulary(entries_.size(), [&](size_t i, const auto& look) { look(FeaturesOf(i)); },
+                        {.seed = header_.seed, .threads = hooks_.threads});
     if (vocabulary.words.size() == 0) return std::nullopt;
     PackedRetrieval retrieval{vocabulary.words, {}};
     retrieval.vectors.resize(vocabulary.words.size(), static_cast<Eigen::Index>(entries_.size()));

@@ -1,7 +1,5 @@
 // raylift map: a scene in one file, in which localize finds the same poses.
 
-#include <unistd.h>
-
 #include <csignal>
 
 #include "apps/program.h"
@@ -9,6 +7,7 @@
 #include "support/matchers.h"
 #include "support/test_data.h"
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include "raylift/base/file.h"
 
@@ -26,16 +25,17 @@ class Map : public ::testing::Test {
   }
 
   Arguments Pack(const char* action = "pack", const Arguments& more = {}) const {
-    return Arguments{"map",        action,           map_,        "--model",      scene_.model(),
-                     "--images",   scene_.images(),  "--quiet",   "--geometry",   Depth(),
-                     "--cache",    scene_.folder / "cache"} +
+    return Arguments{"map",           action,         map_,
+                     "--model",       scene_.model(), "--images",
+                     scene_.images(), "--quiet",      "--geometry",
+                     Depth(),         "--cache",      scene_.folder / "cache"} +
            more;
   }
   std::string Depth() const { return "depth:" + maps_.string(); }
   Arguments Localize(const std::string& out, const Arguments& scene) const {
-    return Arguments{"localize",          "--queries",      scene_.query_list(), "--quiet",
-                     "--query-images",    scene_.images(),  "--out",
-                     scene_.folder / out, "--no-doctor"} +
+    return Arguments{"localize", "--queries",         scene_.query_list(),
+                     "--quiet",  "--query-images",    scene_.images(),
+                     "--out",    scene_.folder / out, "--no-doctor"} +
            scene;
   }
   bool IsRight(const std::string& out) const {
@@ -57,16 +57,17 @@ TEST_F(Map, LocalizeFindsTheSamePosesInIt) {
 
 TEST_F(Map, WhatIsKnownOfTheSceneIsKept) {
   const fs::path from_files = scene_.folder / "files";
-  ASSERT_TRUE(Succeeds(RunRaylift(Localize("files", {"--model", scene_.model(), "--geometry", Depth(),
-                                                     "--images", scene_.images()}))));
-  ASSERT_TRUE(Succeeds(RunRaylift(
-      Pack("pack", {"--scene-calibration", from_files / "scene_calibration.json"}))));
+  ASSERT_TRUE(Succeeds(RunRaylift(Localize(
+      "files", {"--model", scene_.model(), "--geometry", Depth(), "--images", scene_.images()}))));
+  ASSERT_TRUE(Succeeds(
+      RunRaylift(Pack("pack", {"--scene-calibration", from_files / "scene_calibration.json"}))));
   ASSERT_TRUE(Succeeds(RunRaylift(Localize("map", {"--scene", map_}))));
   EXPECT_TRUE(IsRight("map"));
   EXPECT_EQ(ReadFile(scene_.folder / "map/scene_calibration.json"),
             ReadFile(from_files / "scene_calibration.json"));
-  EXPECT_TRUE(FailsWith(2, {"--align-depth", "packed map"},
-                        RunRaylift(Localize("align", {"--scene", map_, "--align-depth", "scale"}))));
+  EXPECT_TRUE(
+      FailsWith(2, {"--align-depth", "packed map"},
+                RunRaylift(Localize("align", {"--scene", map_, "--align-depth", "scale"}))));
 }
 
 TEST_F(Map, GrowsAndShrinksToTheSameBytes) {
@@ -107,14 +108,15 @@ TEST_F(Map, KilledFiftyTimesItIsTheFormerOrTheNewOne) {
 
 TEST_F(Map, OptionsThatDoNotGoTogether) {
   EXPECT_TRUE(FailsWith(2, {"NAMES"}, RunRaylift({"map", "remove", map_})));
-  EXPECT_TRUE(FailsWith(2, {"map list takes no NAMES"}, RunRaylift({"map", "list", map_, "a.jpg"})));
+  EXPECT_TRUE(
+      FailsWith(2, {"map list takes no NAMES"}, RunRaylift({"map", "list", map_, "a.jpg"})));
   EXPECT_TRUE(FailsWith(2, {"--model is required"}, RunRaylift({"map", "pack", map_})));
-  EXPECT_TRUE(FailsWith(2, {"--images or --features"},
+  EXPECT_TRUE(FailsWith(
+      2, {"--images or --features"},
+      RunRaylift({"map", "pack", map_, "--model", scene_.model(), "--geometry", Depth()})));
+  EXPECT_TRUE(FailsWith(2, {"no depth"},
                         RunRaylift({"map", "pack", map_, "--model", scene_.model(), "--geometry",
-                                    Depth()})));
-  EXPECT_TRUE(FailsWith(2, {"no depth"}, RunRaylift({"map", "pack", map_, "--model", scene_.model(),
-                                                     "--geometry", "sfm", "--images",
-                                                     scene_.images()})));
+                                    "sfm", "--images", scene_.images()})));
   EXPECT_TRUE(FailsWith(3, {"room.raymap"}, RunRaylift({"map", "list", map_})));
   EXPECT_TRUE(FailsWith(3, {"packed map"}, RunRaylift({"map", "list", scene_.query_list()})));
 }

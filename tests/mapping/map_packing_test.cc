@@ -145,7 +145,8 @@ class MapPacking : public ::testing::Test {
  protected:
   MapPacking() {
     Rng rng = TestRng();
-    const Camera camera = Camera(CameraModel::kPinhole, 61, 47, std::vector<double>{50, 51, 30, 24});
+    const Camera camera =
+        Camera(CameraModel::kPinhole, 61, 47, std::vector<double>{50, 51, 30, 24});
     for (const char* name : {"b/2.jpg", "a/1.jpg", "with blank.jpg", "b/1.jpg", "c.jpg"}) {
       images_.push_back({name, camera,
                          Rigid3{Eigen::Quaterniond(Eigen::AngleAxisd(
@@ -287,12 +288,14 @@ TEST(MapCodec, BytesThatAreNoEntriesAreErrors) {
         static_cast<char>(1 + rng.UniformIndex(255));
     if (i % 3 == 0) bytes.resize(rng.UniformIndex(bytes.size()));
     errors += ErrorOf([&] {
-      if (i % 2 == 0) {
-        DecodeDepth("town.raymap", "depth/a", bytes);
-      } else {
-        DecodeFeatures("town.raymap", "features/a", bytes);
-      }
-    }) == "" ? 0 : 1;
+                if (i % 2 == 0) {
+                  DecodeDepth("town.raymap", "depth/a", bytes);
+                } else {
+                  DecodeFeatures("town.raymap", "features/a", bytes);
+                }
+              }) == ""
+                  ? 0
+                  : 1;
   }
   EXPECT_GT(errors, 200);
 }

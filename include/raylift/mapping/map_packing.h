@@ -43,7 +43,7 @@ struct MapOptions {
 };
 
 struct PackingHooks {
-  int threads = 0;                              // 0: all
+  int threads = 0;                               // 0: all
   std::function<void()> on_reference = nullptr;  // is packed; from several threads
 };
 

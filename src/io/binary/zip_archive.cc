@@ -222,8 +222,7 @@ zip_int64_t AnswerSafely(void* lazy, void* data, zip_uint64_t size, zip_source_c
 void WriteZip(const path& file, std::span<const ZipEntry> entries) {
   AtomicFile target(file);
   int code = ZIP_ER_OK;
-  ZipHandle archive(
-      zip_open(target.temporary_path().c_str(), ZIP_CREATE | ZIP_TRUNCATE, &code));
+  ZipHandle archive(zip_open(target.temporary_path().c_str(), ZIP_CREATE | ZIP_TRUNCATE, &code));
   const auto fail = [&](const std::string& why) {
     throw OutputError(file, fmt::format("cannot be written: {}", why));
   };

@@ -51,7 +51,9 @@ class Reader {
     return values;
   }
   std::string_view Rest() const { return rest_; }
-  [[noreturn]] void Fail(std::string_view message) const { throw InputError(file_, name_, message); }
+  [[noreturn]] void Fail(std::string_view message) const {
+    throw InputError(file_, name_, message);
+  }
 
  private:
   const path& file_;
@@ -83,8 +85,7 @@ struct LogRange {
 };
 
 LogRange RangeOf(std::span<const float> depths) {
-  LogRange range{std::numeric_limits<double>::infinity(),
-                 -std::numeric_limits<double>::infinity()};
+  LogRange range{std::numeric_limits<double>::infinity(), -std::numeric_limits<double>::infinity()};
   for (const float z : depths) {
     if (!IsSurface(z)) continue;
     range.least = std::min(range.least, std::log(static_cast<double>(z)));
@@ -115,9 +116,9 @@ int Unfolded(uint16_t folded) { return folded % 2 == 0 ? folded / 2 : -(folded +
 std::string Deflated(std::string_view bytes) {
   uLongf size = compressBound(bytes.size());
   std::string deflated(size, '\0');
-  const int result = compress2(reinterpret_cast<Bytef*>(deflated.data()), &size,
-                               reinterpret_cast<const Bytef*>(bytes.data()), bytes.size(),
-                               Z_BEST_COMPRESSION);
+  const int result =
+      compress2(reinterpret_cast<Bytef*>(deflated.data()), &size,
+                reinterpret_cast<const Bytef*>(bytes.data()), bytes.size(), Z_BEST_COMPRESSION);
   RAYLIFT_CHECK_EQ(result, Z_OK);
   deflated.resize(size);
   return deflated;
@@ -126,10 +127,9 @@ std::string Deflated(std::string_view bytes) {
 std::string Inflated(const path& file, const std::string& name, std::string_view deflated,
                      size_t size) {
   if (size > kMaxDeflateRatio * (deflated.size() + 1)) {
-    throw InputError(
-        file, name,
-        fmt::format("claims {} bytes, more than its {} compressed bytes can become", size,
-                    deflated.size()));
+    throw InputError(file, name,
+                     fmt::format("claims {} bytes, more than its {} compressed bytes can become",
+                                 size, deflated.size()));
   }
   std::string bytes(size, '\0');
   uLongf inflated = size;
@@ -202,7 +202,8 @@ DepthMap DecodeDepth(const path& file, const std::string& name, std::string_view
   }
   Image residuals;
   try {
-    residuals = DecodeWebp(reader.Rest(), PlaneSize{static_cast<int>(width), static_cast<int>(height)});
+    residuals =
+        DecodeWebp(reader.Rest(), PlaneSize{static_cast<int>(width), static_cast<int>(height)});
   } catch (const std::runtime_error& error) {
     reader.Fail(error.what());
   }
@@ -350,8 +351,9 @@ Features DecodeFeatures(const path& file, const std::string& name, std::string_v
   Levels levels;
   levels.least = head.Take<float>();
   levels.step = head.Take<float>();
-  if (coding > Coding::kLevels || std::max(features.image_width_px, features.image_height_px) >
-                                      kMaxImageSidePx || dimension > kMaxPcdFieldValues) {
+  if (coding > Coding::kLevels ||
+      std::max(features.image_width_px, features.image_height_px) > kMaxImageSidePx ||
+      dimension > kMaxPcdFieldValues) {
     head.Fail("its header is damaged");
   }
 

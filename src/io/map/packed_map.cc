@@ -111,8 +111,8 @@ std::string EncodeRetrieval(const PackedRetrieval& retrieval) {
     sizes += AsBytes(std::span<const uint32_t, 1>(&count, 1));
   }
   std::string bytes;
-  bytes += AsBytes(std::span<const float>(retrieval.words.data(),
-                                          static_cast<size_t>(retrieval.words.size())));
+  bytes += AsBytes(
+      std::span<const float>(retrieval.words.data(), static_cast<size_t>(retrieval.words.size())));
   for (const auto& vector : retrieval.vectors.colwise()) {
     const float largest = std::max(vector.cwiseAbs().maxCoeff(), 1e-12f);
     for (const float value : vector) {
@@ -124,7 +124,9 @@ std::string EncodeRetrieval(const PackedRetrieval& retrieval) {
 
 PackedRetrieval DecodeRetrieval(const path& file, const std::string& bytes, size_t num_references) {
   constexpr size_t kSizes = 3 * sizeof(uint32_t);
-  const auto fail = [&] { throw InputError(file, std::string(kRetrieval), "the entry is damaged"); };
+  const auto fail = [&] {
+    throw InputError(file, std::string(kRetrieval), "the entry is damaged");
+  };
   if (bytes.size() < kSizes) fail();
   const uint64_t dimension = LoadNumber<uint32_t>(bytes.data());
   const uint64_t num_words = LoadNumber<uint32_t>(bytes.data() + sizeof(uint32_t));

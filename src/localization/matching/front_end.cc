@@ -74,8 +74,8 @@ std::optional<VladVectors> PackedVectors(const std::filesystem::path& model,
   vectors.of_references.resize(retrieval->vectors.rows(),
                                static_cast<Eigen::Index>(references.size()));
   for (size_t i = 0; i < references.size(); ++i) {
-    const auto found = std::ranges::lower_bound(map.references(), references[i], {},
-                                                &PosedImage::name);
+    const auto found =
+        std::ranges::lower_bound(map.references(), references[i], {}, &PosedImage::name);
     vectors.of_references.col(static_cast<Eigen::Index>(i)) =
         retrieval->vectors.col(found - map.references().begin());
   }
