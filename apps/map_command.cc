@@ -175,9 +175,8 @@ void Run(const MapFlags& flags) {
   if (flags.action == MapAction::kRemove) {
     return RemoveFromMap(flags.file, flags.names, {.threads = flags.run.threads});
   }
-  for (const PosedImage& image : PackedMap(flags.file).references()) {
-    fmt::print("{}\n", image.name);
-  }
+  const PackedMap map(flags.file);
+  for (const PosedImage& image : map.references()) fmt::print("{}\n", image.name);
 }
 
 }  // namespace
