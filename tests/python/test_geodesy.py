@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 import raylift
 from photographs import jpeg
 from scenes import DEMO, MESH
+from synthetic import some
 
 pyproj = pytest.importorskip("pyproj")
 
@@ -37,7 +38,7 @@ def test_positions_are_led_to_the_world_as_by_pyproj(tmp_path: Path, source: str
         f"{name} position {x!r} {y!r} {z!r} 3 3 10 crs={source}\n"
         for name, (x, y, z) in zip(names, points.tolist())))
     queries = raylift.read_queries(tmp_path / "queries.txt", priors=tmp_path / "priors.txt")
-    ours = np.array([query.__getstate__()[2][0] for query in queries])
+    ours = np.array([some(query.position_prior)[0] for query in queries])
     theirs = np.column_stack(pyproj.Transformer.from_crs(source, target, always_xy=True).transform(*points.T))
     if len(pyproj.CRS(target).axis_info) == 2:  # the map's unit is that of its heights
         theirs[:, 2] /= pyproj.CRS(target).axis_info[0].unit_conversion_factor
@@ -88,24 +89,25 @@ def test_queries_of_photographs(tmp_path: Path, photographs: Path) -> None:
     convergence = np.radians(pyproj.Proj("EPSG:25832").get_factors(9.902, 53.552).meridian_convergence)
 
     # The seconds have seven digits.
-    position, sigma = read["phone.jpg"].__getstate__()[2]
+    position, sigma = some(read["phone.jpg"].position_prior)
     assert position == pytest.approx([*to_map.transform(9.9, 53.55), 12.5], abs=1e-3)
     assert sigma[:2] == pytest.approx([4, 4], abs=0.1)
-    position, sigma = read["rtk.jpg"].__getstate__()[2]
+    position, sigma = some(read["rtk.jpg"].position_prior)
     assert sigma[:2] == pytest.approx([0.1, 0.2], abs=0.01) and position[2] == pytest.approx(90)
 
     # Straight down: gravity is the optical axis, the image's top looks to 30 degrees from true north.
-    _, _, _, gravity, _, _, _, heading, _, unmeasured = read["drone.jpg"].__getstate__()
-    assert unmeasured is None
+    drone = read["drone.jpg"]
+    gravity, heading = some(drone.gravity_prior), some(drone.heading_prior)
+    assert drone.range_prior is None
     assert gravity[0] == pytest.approx([0, 0, 1], abs=1e-9) and heading[0] == pytest.approx([1, 0, 0], abs=1e-9)
     on_map = np.radians(30) - convergence
     assert heading[1] == pytest.approx([np.cos(on_map), -np.sin(on_map), 0], abs=1e-6)
     # Half down: gravity is as much forward as down in the image.
     rtk = read["rtk.jpg"]
-    assert rtk.__getstate__()[3][0] == pytest.approx([0, np.sqrt(0.5), np.sqrt(0.5)])
+    assert some(rtk.gravity_prior)[0] == pytest.approx([0, np.sqrt(0.5), np.sqrt(0.5)])
     # The laser's range, in units of the map, with .2 m and .15 %; and the calibrated lens.
     scale = pyproj.Proj("EPSG:25832").get_factors(9.903, 53.553).meridional_scale
-    assert rtk.__getstate__()[9] == pytest.approx([41.5 * scale, 0.26225 * scale], rel=1e-4)
+    assert rtk.range_prior == pytest.approx([41.5 * scale, 0.26225 * scale], rel=1e-4)
     assert "laser range 41.5 m, calibrated lens" in result.stdout
     assert str(rtk.camera) == "FULL_OPENCV 4096 3072 3000 3001 2056 1530 -0.1 0.02 0.001 0.002 -0.01 0 0 0"
     assert rtk.focal_sigma == 0.005 and rtk.focal_range == 1 and read["drone.jpg"].focal_range == 2

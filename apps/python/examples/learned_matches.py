@@ -13,7 +13,8 @@ def match(query: raylift.PosedImage, reference: raylift.PosedImage, caster: rayl
     pixels = np.random.default_rng(0).uniform(0, reference.camera.height, (300, 2))
     points = raylift.Lifter(caster).lift(reference, pixels)["points"]
     seen = query.camera.project(query.cam_from_world.transform(points))
-    return np.hstack([seen, pixels])[np.isfinite(seen).all(axis=1)] - 0.5
+    inside = ((seen >= 0) & (seen < [query.camera.width, query.camera.height])).all(axis=1)
+    return np.hstack([seen, pixels])[inside] - 0.5
 
 
 def main(demo: Path) -> None:
