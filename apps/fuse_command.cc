@@ -83,6 +83,10 @@ Scene WithCorrectedDepth(const FuseFlags& flags, const Scene& scene) {
   if (!flags.scene_calibration.empty()) {
     return Calibrated(scene, ReadSceneCalibration(flags.scene_calibration));
   }
+  if (scene.calibration != nullptr) {
+    if (flags.align == AlignMode::kAuto) return scene;
+    throw OptionError("--align-depth does not go with a packed map whose calibration says it");
+  }
   if (flags.align == AlignMode::kOff || !flags.HaveMatches()) return scene;
   const std::vector<Query> queries = QueriesOf(scene.references);
   const auto matches = OpenMatchesBetween(flags.matching, {flags.geometry}, flags.images, flags.run,

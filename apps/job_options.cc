@@ -186,7 +186,7 @@ std::string FileOrModelFingerprint(const path& file) {
 Json InputsJson(const SceneInputs& inputs, const Scene& scene, std::span<const Query> queries) {
   Json json = {{"queries", QueriesFingerprint(queries)},
                {"references", ReferencesFingerprint(scene.references)}};
-  if (!inputs.model.empty()) json["model"] = ModelFingerprint(inputs.model);
+  if (!inputs.model.empty()) json["model"] = FileOrModelFingerprint(inputs.model);
   for (size_t i = 0; i < scene.sources.size(); ++i) {
     json[fmt::format("geometry {}", i + 1)] = GeometryFingerprint(scene.sources[i], inputs);
   }

@@ -188,7 +188,8 @@ std::optional<WorldFrame> WorldOf(const std::optional<WorldFrame>& given, Scene&
 }
 
 Scene WithKnownCalibration(const LocalizeFlags& flags, Scene scene) {
-  if (scene.calibration != nullptr && flags.geometry.align != AlignMode::kAuto) {
+  if (flags.references.HaveFeatures() && scene.calibration != nullptr &&
+      flags.geometry.align != AlignMode::kAuto) {
     throw OptionError("--align-depth does not go with a packed map whose calibration says it");
   }
   if (flags.scene_calibration.empty()) return scene;

@@ -2,9 +2,9 @@
 
 #include <cstddef>
 #include <filesystem>
-#include <functional>
 #include <memory>
-#include <optional>
+#include <set>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -79,7 +79,10 @@ void Check(const MapFlags& flags) {
   if (flags.geometry.empty()) {
     throw OptionError(fmt::format("--geometry is required for map {}", action));
   }
-  if (flags.images.empty() == flags.features.empty()) {
+  if (!flags.images.empty() && !flags.features.empty()) {
+    throw OptionError("--images and --features do not go together");
+  }
+  if (flags.images.empty() && flags.features.empty() && !flags.references.HaveFeatures()) {
     throw OptionError("--images or --features are required, one of them");
   }
   RequireAtLeast("--max-features", flags.max_features, 1);
@@ -103,71 +106,130 @@ std::string SamplingKeys(const std::string& spec) {
   return kept;
 }
 
-// Returns what gives the features of a reference: a file, the cache, or its photograph.
-std::function<Features(const PosedImage&)> FeaturesOf(const MapFlags& flags, const Scene& scene) {
-  if (!flags.features.empty()) {
-    const auto file = std::make_shared<const FeatureFile>(flags.features);
-    return [file](const PosedImage& image) { return file->Read(image.name); };
+// What gives the features of references: a file, the cache, or their photographs.
+class FeatureGiver {
+ public:
+  FeatureGiver(const MapFlags& flags, std::span<const PosedImage> images) : flags_(flags) {
+    if (!flags.features.empty()) {
+      file_ = std::make_shared<const FeatureFile>(flags.features);
+    } else if (!flags.cache.empty()) {
+      std::vector<ImageFile> files;
+      for (const PosedImage& image : images) {
+        files.push_back({image.name, flags.images / image.name});
+      }
+      store_ = ExtractOrReadFeatures(files, {.folder = flags.cache,
+                                             .max_features = flags.max_features,
+                                             .threads = flags.run.threads,
+                                             .show_progress = !flags.run.quiet});
+    }
   }
-  if (flags.cache.empty()) {
-    return [&flags](const PosedImage& image) {
-      const Image photograph = ReadImage(flags.images / image.name, ImageChannels::kGray);
-      return ExtractFrontEndFeatures(photograph, flags.max_features);
-    };
+
+  Features Of(const PosedImage& image) const {
+    Features features = Read(image);
+    if (features.image_width_px > 0) {
+      RequireSizeOf(image.camera, image.name, {features.image_width_px, features.image_height_px},
+                    flags_.images / image.name);
+    }
+    return features;
   }
-  std::vector<ImageFile> files;
-  for (const PosedImage& image : scene.references.images) {
-    files.push_back({image.name, flags.images / image.name});
+  std::vector<std::string> Warnings() const {
+    return file_ ? file_->Warnings() : std::vector<std::string>();
   }
-  const auto store = ExtractOrReadFeatures(files, {.folder = flags.cache,
-                                                   .max_features = flags.max_features,
-                                                   .threads = flags.run.threads,
-                                                   .show_progress = !flags.run.quiet});
-  return [store](const PosedImage& image) { return store->Get(image.name)->features; };
+
+ private:
+  Features Read(const PosedImage& image) const {
+    if (file_) return file_->Read(image.name);
+    if (store_) return store_->Get(image.name)->features;
+    return ExtractFrontEndFeatures(ReadImage(flags_.images / image.name, ImageChannels::kGray),
+                                   flags_.max_features);
+  }
+
+  const MapFlags& flags_;
+  std::shared_ptr<const FeatureFile> file_;    // or
+  std::shared_ptr<const FeatureStore> store_;  // or neither
+};
+
+// Returns what is to be kept of the scene's calibration, as JSON; empty where nothing is known.
+std::string CalibrationToKeep(const MapFlags& flags, const Scene& scene) {
+  auto calibration = scene.calibration;
+  if (!flags.scene_calibration.empty()) {
+    calibration = ReadSceneCalibration(flags.scene_calibration);
+    Calibrated(scene, calibration);  // refuses that of another scene
+  }
+  const auto& maps = scene.sources.front().geometry.maps;
+  if (maps != nullptr && maps->HasConfidences()) {
+    PrintWarnings({"confidences beside the depth are not kept"});
+  }
+  if (calibration == nullptr) return {};
+  SceneCalibration kept = *calibration;
+  kept.confidences.clear();
+  return FormatSceneCalibration(kept);
 }
 
-void Pack(const MapFlags& flags) {
+// Adds the scene's references that the map lacks and returns how many these are.
+size_t Add(const MapFlags& flags, const Scene& scene, const ReferencesToPack& references,
+           const PackingHooks& hooks) {
+  const PackedMap former(flags.file);
+  const std::string keys = SamplingKeys(flags.geometry);
+  if (keys != former.header().depth_keys) {
+    throw InputError(flags.file,
+                     fmt::format("its depth is sampled by \"{}\", that to add by \"{}\"",
+                                 former.header().depth_keys, keys));
+  }
+  if (flags.scene_calibration.empty() && !former.ReadCalibration().empty()) {
+    PrintWarnings(
+        {"the map's calibration knows nothing of what is added: --scene-calibration gives "
+         "one that does"});
+    return AddToMap(flags.file, references, {}, hooks);
+  }
+  return AddToMap(flags.file, references, CalibrationToKeep(flags, scene), hooks);
+}
+
+// The references to pack: of `add` those that the map lacks.
+std::vector<PosedImage> ToPack(const MapFlags& flags, std::vector<PosedImage> images) {
+  if (flags.action != MapAction::kAdd) return images;
+  const PackedMap former(flags.file);
+  std::set<std::string> known;
+  for (const PosedImage& image : former.references()) known.insert(image.name);
+  std::erase_if(images, [&](const PosedImage& image) { return known.contains(image.name); });
+  return images;
+}
+
+void Pack(MapFlags flags) {
   RequireWritable(flags.file);
+  if (flags.images.empty() && flags.features.empty()) flags.features = flags.references.model;
   const Scene scene =
       OpenScene(flags.references.Scene(flags.images, {flags.geometry}, flags.run.threads));
   PrintWarnings(scene.warnings);
-  MapOptions options = flags.options;
-  options.depth_keys = SamplingKeys(flags.geometry);
-  if (!flags.scene_calibration.empty()) {
-    const auto calibration = ReadSceneCalibration(flags.scene_calibration);
-    Calibrated(scene, calibration);  // refuses that of another scene
-    options.calibration = FormatSceneCalibration(*calibration);
-  }
   const NamedGeometry& geometry = scene.sources.front().geometry;
-  const auto features_of = FeaturesOf(flags, scene);
+  const std::vector<PosedImage> images = ToPack(flags, scene.references.images);
+  const FeatureGiver features(flags, images);
   const ReferencesToPack references{
-      .images = scene.references.images,
+      .images = images,
       .depth = [&geometry](const PosedImage& image) { return geometry.MapOf(image); },
-      .features =
-          [&](const PosedImage& image) {
-            Features features = features_of(image);
-            if (features.image_width_px > 0) {
-              RequireSizeOf(image.camera, image.name,
-                            {features.image_width_px, features.image_height_px},
-                            flags.images / image.name);
-            }
-            return features;
-          }};
-  Progress progress("references", references.images.size(), flags.run.Show());
+      .features = [&features](const PosedImage& image) { return features.Of(image); }};
+  Progress progress("references", images.size(), flags.run.Show());
   const PackingHooks hooks{flags.run.threads, [&progress] { progress.Advance(); }};
-  size_t added = references.images.size();
-  if (flags.action == MapAction::kPack) {
-    PackMap(flags.file, references, options, hooks);
+  if (flags.action == MapAction::kAdd) {
+    Add(flags, scene, references, hooks);
   } else {
-    added = AddToMap(flags.file, references, hooks);
+    MapOptions options = flags.options;
+    options.depth_keys = SamplingKeys(flags.geometry);
+    options.calibration = CalibrationToKeep(flags, scene);
+    if (IsPackedMap(flags.features)) {
+      options.features = PackedMap(flags.features).header().features;
+    } else if (!flags.features.empty()) {
+      options.features = flags.features.filename().string();
+    }
+    PackMap(flags.file, references, options, hooks);
   }
+  PrintWarnings(features.Warnings());
   if (flags.run.quiet) return;
-  const auto bytes = std::filesystem::file_size(flags.file);
+  const auto bytes = static_cast<double>(std::filesystem::file_size(flags.file));
   const size_t total = PackedMap(flags.file).references().size();
-  fmt::print("{} of {} references {}, {:.1f} MB, {:.0f} kB each: {}\n", added, total,
-             flags.action == MapAction::kPack ? "packed" : "added",
-             static_cast<double>(bytes) / 1e6, static_cast<double>(bytes) / 1e3 / total,
-             flags.file.string());
+  fmt::print("{} of {} references {}, {:.1f} MB, {:.0f} kB each: {}\n", images.size(), total,
+             flags.action == MapAction::kPack ? "packed" : "added", bytes / 1e6,
+             bytes / 1e3 / static_cast<double>(total), flags.file.string());
 }
 
 void Run(const MapFlags& flags) {

@@ -84,10 +84,12 @@ namespace {
 // Takes what a packed map knows of its depth, where that is the geometry.
 Scene WithPackedCalibration(Scene scene) {
   const std::filesystem::path& model = scene.references.model;
-  if (scene.sources.size() != 1 || !IsPackedMap(model) ||
-      !scene.sources.front().spec.starts_with("depth:" + model.string())) {
-    return scene;
-  }
+  if (scene.sources.size() != 1 || !IsPackedMap(model)) return scene;
+  constexpr std::string_view kDepth = "depth:";
+  const std::string& spec = scene.sources.front().spec;
+  if (!spec.starts_with(kDepth)) return scene;
+  const std::filesystem::path maps = spec.substr(kDepth.size(), spec.find(',') - kDepth.size());
+  if (std::error_code ignored; !std::filesystem::equivalent(maps, model, ignored)) return scene;
   const std::string text = PackedMap(model).ReadCalibration();
   if (text.empty()) return scene;
   return Calibrated(scene, std::make_shared<const SceneCalibration>(ParseSceneCalibration(text)));

@@ -123,7 +123,11 @@ Scene Calibrated(const Scene& scene, std::shared_ptr<const SceneCalibration> cal
   for (size_t i = 0; i < depth.size(); ++i) {
     SceneSource& source = calibrated.sources[i];
     source.alignment = depth[i];
-    if (!depth[i] || depth[i]->mode == AlignMode::kOff) continue;
+    if (!depth[i]) continue;
+    if (depth[i]->mode == AlignMode::kOff) {
+      if (source.as_read != nullptr) source.geometry.source = source.as_read;
+      continue;
+    }
     const auto corrections = depth[i]->Corrections();
     if (std::none_of(corrections.begin(), corrections.end(),
                      [&](const auto& correction) { return names.contains(correction.first); })) {

@@ -7,6 +7,7 @@
 
 #include "io/map/map_codec.h"
 #include "io/map/packed_map.h"
+#include "io/text/line_tokens.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -40,12 +41,19 @@ class Packing {
   void Keep(const PosedImage& image) { entries_.push_back({image, false}); }
 
   void Add(const ReferencesToPack& references, const std::vector<PosedImage>& images) {
+    for (const PosedImage& image : images) NameText(file_, image.name);  // refuses what cannot be
     const size_t first = entries_.size();
     entries_.resize(first + images.size());
     ParallelFor(images.size(), hooks_.threads, [&](size_t i) {
       Entry& entry = entries_[first + i];
       entry.image = images[i];
-      if (const auto depth = references.depth(images[i])) entry.depth = EncodeDepth(*depth);
+      if (const auto depth = references.depth(images[i])) {
+        try {
+          entry.depth = EncodeDepth(*depth);
+        } catch (const InputError& error) {
+          throw InputError(file_, images[i].name, error.what());
+        }
+      }
       entry.features = EncodeFeatures(references.features(images[i]), header_.descriptors);
       if (hooks_.on_reference) hooks_.on_reference();
     });
@@ -107,8 +115,12 @@ class Packing {
 
 void PackMap(const path& file, const ReferencesToPack& references, const MapOptions& options,
              const PackingHooks& hooks) {
+  if (options.seed > kMaxMapSeed) {
+    throw OptionError("seed", std::to_string(options.seed), "must be at most 2^53");
+  }
   Packing packing(file,
                   {.descriptors = options.descriptors,
+                   .features = options.features,
                    .seed = options.seed,
                    .depth_keys = options.depth_keys,
                    .crs = options.crs},
@@ -117,9 +129,11 @@ void PackMap(const path& file, const ReferencesToPack& references, const MapOpti
   packing.Write();
 }
 
-size_t AddToMap(const path& file, const ReferencesToPack& references, const PackingHooks& hooks) {
+size_t AddToMap(const path& file, const ReferencesToPack& references,
+                const std::string& calibration, const PackingHooks& hooks) {
   const PackedMap former(file);
-  Packing packing(file, former.header(), former.ReadCalibration(), &former, hooks);
+  Packing packing(file, former.header(),
+                  calibration.empty() ? former.ReadCalibration() : calibration, &former, hooks);
   std::set<std::string> known;
   for (const PosedImage& image : former.references()) {
     packing.Keep(image);

@@ -70,6 +70,27 @@ TEST_F(Map, WhatIsKnownOfTheSceneIsKept) {
                 RunRaylift(Localize("align", {"--scene", map_, "--align-depth", "scale"}))));
 }
 
+TEST_F(Map, WhatDoesNotFitIsRefused) {
+  ASSERT_TRUE(Succeeds(RunRaylift(Pack("pack", {"--every", "2"}))));
+  const std::string half = ReadFile(map_);
+  EXPECT_TRUE(FailsWith(
+      3, {"room.raymap", "first_sample_px=0"},
+      RunRaylift({"map", "add", map_, "--model", scene_.model(), "--images", scene_.images(),
+                  "--geometry", Depth() + ",first_sample_px=0", "--quiet"})));
+  EXPECT_EQ(ReadFile(map_), half);
+  // A part of a map has its features and needs no photographs.
+  const fs::path part = scene_.folder / "part.raymap";
+  ASSERT_TRUE(
+      Succeeds(RunRaylift({"map", "pack", part, "--scene", map_, "--every", "2", "--quiet"})));
+  EXPECT_EQ(Lines(RunRaylift({"map", "list", part}).out).size(), 2u);
+  // Features of other programs are not those of queries here.
+  ASSERT_TRUE(Succeeds(
+      RunRaylift({"map", "pack", part, "--model", scene_.model(), "--geometry", Depth(), "--every",
+                  "2", "--quiet", "--features", scene_.folder / "cache/features.h5"})));
+  EXPECT_TRUE(FailsWith(3, {"part.raymap", "features.h5", "RootSIFT"},
+                        RunRaylift(Localize("other", {"--scene", part}))));
+}
+
 TEST_F(Map, GrowsAndShrinksToTheSameBytes) {
   ASSERT_TRUE(Succeeds(RunRaylift(Pack())));
   const std::string whole = ReadFile(map_);

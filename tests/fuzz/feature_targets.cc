@@ -105,7 +105,7 @@ std::vector<std::string> MapSeeds() {
 std::vector<FuzzTarget> FeatureFuzzTargets() {
   return {
       {"packed_map", ReadMap, MapSeeds,
-       "PK map.json references.txt retrieval depth/ features/ format descriptors seed"},
+       "PK map.json references.txt retrieval depth/ features/ format descriptors seed rootsift"},
       {"map_depth", [](std::string_view bytes) { DecodeDepth("map", "depth", bytes); },
        [] { return std::vector<std::string>{DepthSeed()}; }, "RIFF WEBPVP8L"},
       {"map_features", [](std::string_view bytes) { DecodeFeatures("map", "features", bytes); },

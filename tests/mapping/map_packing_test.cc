@@ -207,6 +207,19 @@ TEST_F(MapPacking, WhatIsPackedIsReadBack) {
   EXPECT_EQ(retrieval->vectors.rows(), retrieval->words.size());
 }
 
+TEST_F(MapPacking, APhotographWithoutFeaturesIsLikeNone) {
+  Features& none = features_.at("b/1.jpg");
+  none.keypoints_px.clear();
+  none.scores.clear();
+  none.descriptors.resize(0, 0);
+  Packed(images_);
+  const auto retrieval = PackedMap(file_).ReadRetrieval();
+  ASSERT_TRUE(retrieval.has_value());
+  for (int i = 0; i < 5; ++i) {
+    EXPECT_NEAR(retrieval->vectors.col(i).norm(), i == 1 ? 0 : 1, 1e-5) << i;  // sorted by name
+  }
+}
+
 TEST_F(MapPacking, AMapThatGrewOrShrankIsTheOneThatWasMadeAtOnce) {
   const std::string whole = Packed(images_, 1);
   const std::string three = Packed(std::span(images_).first(3), 4);

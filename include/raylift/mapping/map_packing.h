@@ -35,7 +35,9 @@ struct ReferencesToPack {
 
 struct MapOptions {
   DescriptorPrecision descriptors = DescriptorPrecision::kBytes;
-  uint64_t seed = 0;  // of the vocabulary that references are retrieved by
+  // What the features are; those of the built-in front end are "rootsift".
+  std::string features = "rootsift";
+  uint64_t seed = 0;  // of the vocabulary that references are retrieved by, at most 2^53
   // What a specification of this depth says beside its path, as ",first_sample_px=0,near=0.1".
   std::string depth_keys = {};
   std::string crs = {};          // what the world's coordinates are, as --crs takes it
@@ -47,14 +49,15 @@ struct PackingHooks {
   std::function<void()> on_reference = nullptr;  // is packed; from several threads
 };
 
-// Writes a map. Throws InputError where a name stands twice.
+// Writes a map. Throws InputError where a name stands twice or cannot stand in a list, or a depth map
+// has a side of more than 16383 pixels.
 void PackMap(const std::filesystem::path& file, const ReferencesToPack& references,
              const MapOptions& options, const PackingHooks& hooks = {});
 
 // Adds the references that the map has not yet and returns how many these are; descriptors are kept
-// as its others are.
+// as its others are. A calibration, if there is one, takes the former one's place.
 size_t AddToMap(const std::filesystem::path& file, const ReferencesToPack& references,
-                const PackingHooks& hooks = {});
+                const std::string& calibration = {}, const PackingHooks& hooks = {});
 
 // Throws InputError where the map has no reference of a name, or would have none left.
 void RemoveFromMap(const std::filesystem::path& file, std::span<const std::string> names,

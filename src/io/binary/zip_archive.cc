@@ -221,6 +221,9 @@ zip_int64_t AnswerSafely(void* lazy, void* data, zip_uint64_t size, zip_source_c
 
 void WriteZip(const path& file, std::span<const ZipEntry> entries) {
   AtomicFile target(file);
+  std::exception_ptr failure;
+  std::vector<LazyEntry> lazy;  // outlives the archive, which looks at it
+  lazy.reserve(entries.size());
   int code = ZIP_ER_OK;
   ZipHandle archive(zip_open(target.temporary_path().c_str(), ZIP_CREATE | ZIP_TRUNCATE, &code));
   const auto fail = [&](const std::string& why) {
@@ -231,12 +234,12 @@ void WriteZip(const path& file, std::span<const ZipEntry> entries) {
     zip_error_init_with_code(error.get(), code);
     fail(error.text());
   }
-  std::exception_ptr failure;
-  std::vector<LazyEntry> lazy;
-  lazy.reserve(entries.size());
-  const auto require = [&](bool good) {
+  const auto require = [&](bool good, const std::string& entry = {}) {
     if (failure) std::rethrow_exception(failure);
-    if (!good) fail(zip_error_strerror(zip_get_error(archive.get())));
+    if (!good) {
+      fail(fmt::format("{}{}{}", entry, entry.empty() ? "" : ": ",
+                       zip_error_strerror(zip_get_error(archive.get()))));
+    }
   };
   for (const ZipEntry& entry : entries) {
     lazy.push_back({&entry, &failure});
@@ -245,7 +248,7 @@ void WriteZip(const path& file, std::span<const ZipEntry> entries) {
     const zip_int64_t index =
         zip_file_add(archive.get(), entry.name.c_str(), source, ZIP_FL_ENC_UTF_8);
     if (index < 0) zip_source_free(source);
-    require(index >= 0);
+    require(index >= 0, entry.name);
     const auto number = static_cast<zip_uint64_t>(index);
     require(zip_set_file_compression(archive.get(), number, ZIP_CM_STORE, 0) == 0);
     require(zip_file_set_dostime(archive.get(), number, 0, kDosDate1980, 0) == 0);

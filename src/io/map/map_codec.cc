@@ -342,8 +342,7 @@ Features DecodeFeatures(const path& file, const std::string& name, std::string_v
   const size_t count = head.Take<uint32_t>();
   const size_t dimension = head.Take<uint32_t>();
   Features features;
-  features.image_width_px = static_cast<int>(head.Take<uint32_t>());
-  features.image_height_px = static_cast<int>(head.Take<uint32_t>());
+  const auto width = head.Take<uint32_t>(), height = head.Take<uint32_t>();
   features.uncertainty_px = head.Take<float>();
   const bool is_compact = head.Take<uint8_t>() != 0;
   const bool has_scores = head.Take<uint8_t>() != 0;
@@ -351,11 +350,13 @@ Features DecodeFeatures(const path& file, const std::string& name, std::string_v
   Levels levels;
   levels.least = head.Take<float>();
   levels.step = head.Take<float>();
-  if (coding > Coding::kLevels ||
-      std::max(features.image_width_px, features.image_height_px) > kMaxImageSidePx ||
+  if (coding > Coding::kLevels || std::max(width, height) > kMaxImageSidePx ||
+      !std::isfinite(features.uncertainty_px) || !std::isfinite(levels.least + 255 * levels.step) ||
       dimension > kMaxPcdFieldValues) {
     head.Fail("its header is damaged");
   }
+  features.image_width_px = static_cast<int>(width);
+  features.image_height_px = static_cast<int>(height);
 
   const size_t of_value = coding == Coding::kLevels ? 1 : coding == Coding::kHalf ? 2 : 4;
   const size_t of_keypoint =
@@ -386,6 +387,7 @@ Features DecodeFeatures(const path& file, const std::string& name, std::string_v
       value = body.Take<float>();
     }
   }
+  if (!features.descriptors.allFinite()) head.Fail("a descriptor is not finite");
   return features;
 }
 

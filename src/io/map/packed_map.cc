@@ -51,6 +51,7 @@ std::string FeaturesEntry(const std::string& name) { return "features/" + name; 
 std::string HeaderText(const MapHeader& header) {
   const nlohmann::ordered_json json = {{"format", kFormat},
                                        {"descriptors", ToString(header.descriptors)},
+                                       {"features", header.features},
                                        {"seed", header.seed},
                                        {"depth_keys", header.depth_keys},
                                        {"crs", header.crs}};
@@ -69,7 +70,12 @@ MapHeader ParseHeader(const path& file, const std::string& text) {
   const auto precision = FromName<DescriptorPrecision>(descriptors.String());
   if (!precision) descriptors.Fail(fmt::format("expected {}", NameList<DescriptorPrecision>()));
   header.descriptors = *precision;
-  header.seed = static_cast<uint64_t>(member("seed").Number());
+  header.features = member("features").String();
+  const double seed = member("seed").Number();
+  if (!(seed >= 0 && seed <= static_cast<double>(kMaxMapSeed) && std::floor(seed) == seed)) {
+    member("seed").Fail(fmt::format("expected 0 to {}, found {}", kMaxMapSeed, seed));
+  }
+  header.seed = static_cast<uint64_t>(seed);
   header.depth_keys = member("depth_keys").String();
   header.crs = member("crs").String();
   return header;
@@ -147,7 +153,9 @@ PackedRetrieval DecodeRetrieval(const path& file, const std::string& bytes, size
   }
   retrieval.vectors.resize(static_cast<Eigen::Index>(size), static_cast<Eigen::Index>(count));
   for (float& value : retrieval.vectors.reshaped()) value = static_cast<signed char>(*next++);
-  retrieval.vectors.colwise().normalize();
+  for (auto vector : retrieval.vectors.colwise()) {
+    if (const float norm = vector.norm(); norm > 0) vector /= norm;  // 0: without features
+  }
   return retrieval;
 }
 

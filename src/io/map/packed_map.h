@@ -38,9 +38,16 @@ struct PackedRetrieval {
   Eigen::MatrixXf vectors;
 };
 
+// JSON's numbers are exact up to here.
+inline constexpr uint64_t kMaxMapSeed = uint64_t{1} << 53;
+
+// Features that are those of the built-in front end.
+inline constexpr const char* kRootSift = "rootsift";
+
 struct MapHeader {
   DescriptorPrecision descriptors = DescriptorPrecision::kBytes;
-  uint64_t seed = 0;  // of the vocabulary
+  std::string features = kRootSift;  // or what else they are
+  uint64_t seed = 0;                 // of the vocabulary
   // What a specification of the depth says of its sampling, as ",first_sample_px=0"; may be empty.
   std::string depth_keys = {};
   std::string crs = {};  // as --crs takes it; may be empty

@@ -131,6 +131,9 @@ std::map<std::string, Value> ReadByName(const path& file, std::string_view field
 
 SceneFile ReadSceneFile(const path& file) {
   if (!IsPackedMap(file)) return SceneReader(file).Read();
+  if (file.string().find(',') != std::string::npos) {
+    throw InputError(file, "the path of a packed map must hold no comma");
+  }
   const MapHeader header = PackedMap(file).header();
   SceneFile scene;
   scene.name = file.stem().string();

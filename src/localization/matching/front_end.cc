@@ -53,6 +53,20 @@ std::vector<ImageFile> ImagesOf(const FrontEndOptions& options, const ReferenceS
   return files;
 }
 
+// Returns the features that stand in a packed map for photographs; null where the model is none.
+std::shared_ptr<const FeatureFile> PackedFeatures(const FrontEndOptions& options,
+                                                  const std::filesystem::path& model) {
+  if (!IsPackedMap(model)) return nullptr;
+  const std::string features = PackedMap(model).header().features;
+  if (!options.extractor && features != kRootSift) {
+    throw InputError(model,
+                     fmt::format("its features are of {}, those of queries are RootSIFT here: "
+                                 "matches must be given",
+                                 features));
+  }
+  return std::make_shared<const FeatureFile>(model);
+}
+
 FeatureCacheOptions CacheOf(const FrontEndOptions& options, const std::filesystem::path& model) {
   return {.folder = options.cache,
           .max_features = options.max_features,
@@ -60,7 +74,7 @@ FeatureCacheOptions CacheOf(const FrontEndOptions& options, const std::filesyste
           .extractor_name = options.extractor_name,
           .threads = options.threads,
           .show_progress = options.show_progress,
-          .packed = IsPackedMap(model) ? std::make_shared<const FeatureFile>(model) : nullptr};
+          .packed = PackedFeatures(options, model)};
 }
 
 // The vectors that a packed map has of these references; nullopt where the model is none.
@@ -76,6 +90,9 @@ std::optional<VladVectors> PackedVectors(const std::filesystem::path& model,
   for (size_t i = 0; i < references.size(); ++i) {
     const auto found =
         std::ranges::lower_bound(map.references(), references[i], {}, &PosedImage::name);
+    if (found == map.references().end() || found->name != references[i]) {
+      throw InputError(model, references[i], "the reference is no longer in the map");
+    }
     vectors.of_references.col(static_cast<Eigen::Index>(i)) =
         retrieval->vectors.col(found - map.references().begin());
   }
