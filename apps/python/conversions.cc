@@ -290,8 +290,7 @@ std::vector<std::array<uint8_t, 3>> ToColors(const std::optional<ArrayLike>& arg
     if (most > 0 && most <= 1) {
       throw InputError(
           fmt::format("{}: expected integers from 0 to 255, found floats up to {}; colors from 0 "
-                      "to 1 are to be "
-                      "multiplied by 255",
+                      "to 1 are to be multiplied by 255",
                       name, most));
     }
   }

@@ -213,18 +213,26 @@ void RequireFiniteRows(const Rows<kColumns>& rows, std::string_view name) {
   }
 }
 
-// Pixels near the border may lie beside their image, but those of a resized one lie anywhere:
-// InputError where most do. `size_at` says how large the image of a row is.
+// Whether so many pixels lie outside of their images that these were resized: those near the border
+// may lie beside them, and few tell nothing.
+inline bool LookResized(size_t outside, size_t count) {
+  constexpr size_t kFewest = 10;
+  return count >= kFewest && 2 * outside > count;
+}
+
+// InputError where most pixels lie outside of their image as those of a resized one do, or are not
+// finite. `size_at` says how large the image of a row is.
 template <typename Pixels, typename SizeAt>
 void RequireMostInside(const Pixels& pixels, std::string_view name, const SizeAt& size_at) {
-  size_t outside = 0;
+  size_t outside = 0, not_finite = 0;
   PlaneSize size;  // of one that does not have its pixel
   for (size_t i = 0; i < pixels.size(); ++i) {
     if (Shows(size_at(i), pixels[i])) continue;
     size = size_at(i);
     ++outside;
+    if (!pixels[i].allFinite()) ++not_finite;
   }
-  if (2 * outside <= pixels.size()) return;
+  if (!LookResized(outside, pixels.size()) && 2 * not_finite <= pixels.size()) return;
   throw InputError(fmt::format(
       "{}: {} of {} lie outside of the image ({} x {}): are they those of a resized one?", name,
       outside, pixels.size(), size.width_px, size.height_px));
@@ -283,7 +291,7 @@ inline py::array_t<bool> ToArray(const std::vector<bool>& flags) {
   return array;
 }
 
-// The numbers of a list as they lie in memory, and back.
+// The numbers of a list as they lie in memory, and back. InputError where bytes are left over.
 template <typename T>
 py::bytes ToBytes(const std::vector<T>& values) {
   return {reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T)};
@@ -291,6 +299,10 @@ py::bytes ToBytes(const std::vector<T>& values) {
 template <typename T>
 void FromBytes(const py::handle& state, std::vector<T>& values) {
   const auto bytes = state.cast<std::string_view>();
+  if (bytes.size() % sizeof(T) != 0) {
+    throw InputError(fmt::format("state: expected numbers of {} bytes each, found {} bytes",
+                                 sizeof(T), bytes.size()));
+  }
   values.resize(bytes.size() / sizeof(T));
   if (values.empty()) return;  // null is no memory to copy to
   std::memcpy(static_cast<void*>(values.data()), bytes.data(), values.size() * sizeof(T));

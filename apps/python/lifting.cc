@@ -514,7 +514,9 @@ py::tuple StateOf(const Geometry& geometry) {
   if (!geometry.spec.empty()) {
     return py::make_tuple(geometry.spec, geometry.model.string(), geometry.references);
   }
-  if (const auto& caster = geometry.named.mesh) {
+  // What was opened by a text, or is corrected, is more than its mesh.
+  const bool is_memory = geometry.named.source->Description().ends_with(kFromMemory);
+  if (const auto& caster = geometry.named.mesh; caster && is_memory) {
     return py::make_tuple(std::const_pointer_cast<TriangleMesh>(std::shared_ptr<const TriangleMesh>(
                               caster, &caster->mesh())),  // nothing changes it
                           "", geometry.references);
@@ -533,6 +535,19 @@ py::tuple StateOf(const Geometry& geometry) {
                   geometry.named.source->Description()));
 }
 
+namespace {
+
+void RequireWhole(const DepthMap& map, const std::string& name) {
+  if (map.width_px > 0 && map.height_px > 0 &&
+      map.z.size() == static_cast<size_t>(map.width_px) * static_cast<size_t>(map.height_px)) {
+    return;
+  }
+  throw InputError(fmt::format("state, map of {}: expected {} x {} numbers, found {}", name,
+                               map.width_px, map.height_px, map.z.size()));
+}
+
+}  // namespace
+
 Geometry GeometryOf(const py::tuple& state) {
   const auto references = state[2].cast<std::vector<PosedImage>>();
   if (py::isinstance<py::list>(state[0])) {
@@ -542,6 +557,7 @@ Geometry GeometryOf(const py::tuple& state) {
       map.width_px = width;
       map.height_px = height;
       FromBytes(z, map.z);
+      RequireWhole(map, name);
     }
     Geometry geometry(OfMaps(std::move(maps), {.interpolation = ToEnum<DepthInterpolation>(
                                                    "interpolation", state[1].cast<std::string>()),

@@ -19,6 +19,7 @@
 #include "report/page.h"
 
 #include "raylift/base/error.h"
+#include "raylift/base/text.h"
 #include "raylift/io/image_file.h"
 #include "raylift/io/query_list.h"
 #include "raylift/localization/localize_all.h"
@@ -45,6 +46,13 @@ LocalizerOptions TakeLocalizerOptions(Keywords& keywords) {
   keywords.Take("geometry_mode", options.geometry_mode);
   keywords.Take("min_confidence", options.min_confidence);
   return options;
+}
+
+// Of an option that says nothing without a method of retrieval, but may be wrong.
+void RequireAngle(double max_angle_deg) {
+  if (max_angle_deg > 0 && max_angle_deg <= 180) return;
+  throw OptionError("max_angle_deg", FormatDouble(max_angle_deg),
+                    "must be above 0 and at most 180");
 }
 
 // How references are retrieved, where that is said. Without prior poses, what needs them is of
@@ -75,7 +83,10 @@ std::optional<RetrievalOptions> TakeRetrieval(Keywords& keywords, const Scene& s
   } else if (has_poses) {
     flags.prior_poses = ToPath(prior_poses.cast<PathLike>(), "prior_poses");
   }
-  if (!flags.Any()) return std::nullopt;
+  if (!flags.Any()) {
+    RequireAngle(flags.max_angle_deg);
+    return std::nullopt;
+  }
   if (own.retrieval) {
     throw OptionError("retrieval by a function goes without the options of other ways");
   }
@@ -109,6 +120,10 @@ MatchingOptions TakeMatchingOptions(Keywords& keywords, const Scene& scene, OwnM
         "features, matches and pairs go together, but for matches that are COLMAP's database or a "
         "folder of pairs");
   }
+  if (!options.front_end.matcher_name.empty() &&
+      (options.front_end.cache.empty() || !own.matcher)) {
+    throw OptionError("matcher_name needs cache and matcher");
+  }
   options.retrieval = TakeRetrieval(keywords, scene, own);
   if (given.Any() && (own.extractor || own.matcher || own.retrieval)) {
     throw OptionError(
@@ -129,6 +144,16 @@ MatchingOptions TakeMatchingOptions(Keywords& keywords, const Scene& scene, OwnM
   return options;
 }
 
+// A copy of the caller's dict with copies of the dicts in it, which the caller may change later.
+py::dict CopyOf(const py::dict& given) {
+  const auto is_dict = [](const py::handle& value) { return py::isinstance<py::dict>(value); };
+  py::dict copy;
+  for (const auto& [key, value] : given) {
+    copy[key] = is_dict(value) ? value.attr("copy")() : py::reinterpret_borrow<py::object>(value);
+  }
+  return copy;
+}
+
 // What Localizer of the module holds. The front end extracts the references' features when the
 // first query needs them.
 class SceneLocalizer {
@@ -138,7 +163,8 @@ class SceneLocalizer {
                  const std::optional<MatcherLike>& matcher, int threads, const py::kwargs& given)
       : scene_(std::move(scene)),
         threads_(threads),
-        state_(py::make_tuple(scene_, reference_features, extractor, matcher, threads, given)) {
+        state_(py::make_tuple(scene_, CopyOf(reference_features), extractor, matcher, threads,
+                              CopyOf(given))) {
     Keywords keywords(given);
     options_ = TakeLocalizerOptions(keywords);
     matching_ = TakeMatchingOptions(keywords, *scene_, {extractor, matcher, std::nullopt});
@@ -291,7 +317,7 @@ ResultPointer LocalizeOne(SceneLocalizer& localizer, const py::object& query,
 }
 
 // The rows of matches that lie inside of their images, as of the program's files of pixels; most
-// must.
+// must, but of a single reference or where they are few.
 QueryMatches ToMatches(const Query& asked, const Rows<2>& query, const Rows<2>& reference,
                        const std::vector<std::string>& reference_names,
                        const std::optional<ArrayLike>& query_keypoints,
@@ -303,7 +329,8 @@ QueryMatches ToMatches(const Query& asked, const Rows<2>& query, const Rows<2>& 
   }
   const auto keypoints = PerMatch<int64_t>(query_keypoints, "query_keypoints", query.size());
   QueryMatches matches;
-  std::vector<InsideCount> counts;  // of each reference
+  size_t outside = 0;
+  std::optional<size_t> outside_of;  // the first reference that a match lies outside of
   std::map<std::string, size_t> index_of_name;
   for (size_t i = 0; i < query.size(); ++i) {
     const std::string& of = reference_names[i];
@@ -317,15 +344,14 @@ QueryMatches ToMatches(const Query& asked, const Rows<2>& query, const Rows<2>& 
       }
       known = index_of_name.emplace(of, matches.references.size()).first;
       matches.references.push_back(*image);
-      counts.emplace_back();
     }
     const size_t index = known->second;
     if (!Shows(SizeOf(asked.camera), query[i]) ||
         !Shows(SizeOf(matches.references[index].camera), reference[i])) {
-      ++counts[index].outside;
+      ++outside;
+      if (!outside_of) outside_of = index;
       continue;
     }
-    ++counts[index].inside;
     Match2D2D& match = matches.matches.emplace_back();
     match.reference = static_cast<int>(index);
     match.query_px = query[i];
@@ -334,9 +360,13 @@ QueryMatches ToMatches(const Query& asked, const Rows<2>& query, const Rows<2>& 
       match.query_keypoint = static_cast<int>(keypoints->data()[i]);
     }
   }
-  for (size_t i = 0; i < counts.size(); ++i) {
-    const PosedImage& image = matches.references[i];
-    counts[i].RequireMostInside(asked, image.name, image.camera, "query2d and reference2d");
+  if (LookResized(outside, query.size())) {
+    const PosedImage& image = matches.references[*outside_of];
+    throw InputError(fmt::format(
+        "query2d and reference2d: {} of {} matches lie outside of {} ({} x {}) or of their "
+        "references, such as {} ({} x {}): are their pixels those of resized images?",
+        outside, query.size(), asked.name, asked.camera.width_px(), asked.camera.height_px(),
+        image.name, image.camera.width_px(), image.camera.height_px()));
   }
   return matches;
 }
@@ -549,10 +579,12 @@ may return indices (K, 2) of keypoints. One with match_batch(query, references) 
 once for all references of a query instead, and returns a list. These are taken as they
 are: with an extractor OpenCV's DescriptorMatcher and LightGlue, without RoMa, DKM and the
 matchers of image-matching-models (vismatch). With cache and a matcher_name, matches of
-photographs in files are kept as hloc.match_dense does, by h5py.
+photographs in files are kept as hloc.match_dense does, by h5py; those of an extractor's
+features need its extractor_name, too.
 
 retrieval: how references are found: by a function that is called with each photograph and
-returns its global descriptor (D,), as raylift.onnx.GlobalDescriptor does; or "vlad"; "global"
+returns its global descriptor (D,), as raylift.onnx.GlobalDescriptor does (nothing of it is
+kept: each localize_all() and leave_one_out() describes the references anew); or "vlad"; "global"
 by global_features (hloc's global-feats file; query_global_features: that of the queries,
 where it is another one); "pose" or "overlap" by prior_poses (a COLMAP model, a pose file, or
 a dict of poses by the queries' names), the first within max_angle_deg or by the view_range
@@ -588,8 +620,8 @@ Returns a LocalizedQuery. Raises InputError where a photograph is not of the cam
 references' names (M,). query_keypoints: (M,), where it is known which keypoint of the
 query a match is of. Priors and focal_... as of raylift.Query.
 
-Matches outside of their images are left out of the result's problem; InputError where most
-matches with a reference are, as those of resized images.)")
+Matches outside of their images are left out of the result's problem; InputError where most of
+at least 10 are, as those of resized images.)")
       .def("localize_all", &LocalizeList, py::arg("queries"), py::kw_only(), py::arg("threads") = 0,
            py::arg("progress") = py::none(),
            "Many queries, Query or (name, camera) each, whose photographs or matches are in files. "
@@ -616,7 +648,8 @@ matches with a reference are, as those of resized images.)")
       .def("leave_one_out", &LeaveOneOut, py::kw_only(), py::arg("threads") = 0,
            py::arg("progress") = py::none(),
            "Each reference as a query of the others: what is to be expected where no query's pose\n"
-           "is known. Returns a dict by name.")
+           "is known; but retrieval=\"pose\" or \"overlap\" takes the references' own poses as\n"
+           "their prior poses. Returns a dict by name.")
       .def("__repr__",
            [](const SceneLocalizer& localizer) {
              return fmt::format("<raylift.Localizer in {} references, method {}>",

@@ -65,7 +65,8 @@ PhotographMatcher ToMatcher(const MatcherLike& matcher,
                             const FrontEndOptions& options) {
   const py::object adapt = py::module_::import("raylift._matching").attr("matcher_of");
   return [match = Shared(adapt(matcher, extractor, options.reading.first_pixel,
-                               options.cache.string(), options.matcher_name))](
+                               options.cache.string(), options.matcher_name,
+                               py::arg("extractor_name") = options.extractor_name))](
              const Photograph& query, std::span<const Photograph> references) {
     const py::gil_scoped_acquire lock;
     py::list others;
@@ -104,8 +105,7 @@ Features ToFeatures(const py::object& mapping, PlaneSize size) {
   if (py::isinstance<py::array_t<uint8_t>>(descriptors)) {
     throw InputError(
         "features, descriptors: uint8 ones, such as ORB's, are compared by bits, which a matcher "
-        "does: "
-        "matcher=cv2.BFMatcher(cv2.NORM_HAMMING)");
+        "does: matcher=cv2.BFMatcher(cv2.NORM_HAMMING)");
   }
   RequireMostInside(features.keypoints_px, "features, keypoints", [&](size_t) { return size; });
   const std::string expected =
@@ -127,15 +127,18 @@ void UseOwn(const OwnMatching& own, const MatchReading& reading, FrontEndOptions
   const auto& [extractor, matcher, retrieval] = own;
   options->reading = reading;
   if (retrieval) options->descriptor = ToDescriptor(*retrieval);
-  // Retrieval goes by features that are compared by their directions; a matcher's may be others.
-  if (matcher) options->matcher = ToMatcher(*matcher, extractor, *options);
-  if (!extractor || matcher) return;
-  options->extractor = ToExtractor(*extractor, reading);
-  if (!options->cache.empty() && options->extractor_name.empty()) {
+  const bool keeps_matches = matcher && !options->matcher_name.empty();
+  const bool keeps_features = extractor && !matcher;
+  if (extractor && !options->cache.empty() && options->extractor_name.empty() &&
+      (keeps_matches || keeps_features)) {
     throw OptionError("extractor_name", "",
-                      "expected a name of the extractor, by which the cache tells its "
-                      "features from others");
+                      fmt::format("expected a name of the extractor, by which the cache tells its "
+                                  "{} from others",
+                                  keeps_matches ? "matches" : "features"));
   }
+  if (matcher) options->matcher = ToMatcher(*matcher, extractor, *options);
+  // Retrieval goes by features that are compared by their directions; a matcher's may be others.
+  if (keeps_features) options->extractor = ToExtractor(*extractor, reading);
 }
 
 void BindFeatures(py::module_& module) {

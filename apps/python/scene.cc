@@ -2,6 +2,8 @@
 
 #include "raylift/localization/scene.h"
 
+#include <algorithm>
+
 #include "apps/python/geometry_source.h"
 #include "lifting/mesh_spec.h"
 
@@ -16,6 +18,47 @@ namespace {
 using ScenePointer = std::shared_ptr<Scene>;
 using SourceList = std::vector<GeometryLike>;
 
+// What was opened from a text has a state, unless that does not say all: it is corrected, or of a
+// model that is thinned out or was in memory.
+bool HasText(const Scene& scene, const SceneSource& source) {
+  if (source.spec.ends_with(kFromMemory) || source.as_read != nullptr) return false;
+  if (source.geometry.kind != GeometryKind::kSfm) return true;
+  const ReferenceSet& references = scene.references;
+  return references.thinned_out.empty() &&
+         (references.model.empty() || std::filesystem::exists(references.model));
+}
+
+// A scene's source as one that was opened by itself.
+std::shared_ptr<Geometry> GeometryOf(const Scene& scene, const SceneSource& source) {
+  if (!HasText(scene, source)) return std::make_shared<Geometry>(source.geometry);
+  const bool has_context =
+      source.geometry.kind == GeometryKind::kDepth || source.geometry.kind == GeometryKind::kSfm;
+  if (!has_context) {
+    return std::make_shared<Geometry>(source.geometry, source.spec, GeometryContext());
+  }
+  const GeometryContext context{.model = scene.references.model,
+                                .references = scene.references.images};
+  return std::make_shared<Geometry>(source.geometry, source.spec, context);
+}
+
+// The text by which a scene opens what was opened by itself. That of what cannot be opened again
+// says that it is from memory.
+std::string SpecInScene(const Geometry& geometry, const Scene& scene) {
+  constexpr std::string_view kSfm = "sfm";
+  const std::string& spec = geometry.spec;
+  if (spec.empty()) {
+    const std::string description = geometry.named.source->Description();
+    return description.ends_with(kFromMemory) ? description
+                                              : fmt::format("{}{}", description, kFromMemory);
+  }
+  if (geometry.named.kind != GeometryKind::kSfm) return spec;
+  const std::string rest = spec.substr(kSfm.size());
+  const bool has_path = rest.size() > 1 && rest[0] == ':' && rest[1] != ',';
+  if (has_path || geometry.model == scene.references.model) return spec;
+  const size_t path_end = std::min(rest.find(','), rest.size());
+  return fmt::format("{}:{}{}", kSfm, geometry.model.string(), rest.substr(path_end));
+}
+
 // Texts are opened for the scene's references, as --geometry is.
 void AddSources(Scene& scene, const SourceList& geometry, int threads) {
   for (const GeometryLike& one : geometry) {
@@ -26,9 +69,9 @@ void AddSources(Scene& scene, const SourceList& geometry, int threads) {
     }
     NamedGeometry named = ToGeometry(one);
     const std::string description = named.source->Description();
-    const bool is_opened =
-        py::isinstance<Geometry>(one) && !one.cast<const Geometry&>().spec.empty();
-    const std::string spec = is_opened ? one.cast<const Geometry&>().spec : description;
+    const std::string spec = py::isinstance<Geometry>(one)
+                                 ? SpecInScene(one.cast<const Geometry&>(), scene)
+                                 : description;
     scene.sources.push_back({std::move(named), spec, description});
   }
 }
@@ -71,7 +114,9 @@ ScenePointer MakeScene(const std::vector<PosedImageLike>& references, const Sour
 // Geometry by the text that it was opened from, or what it holds in memory.
 py::object StateOf(const SceneSource& source) {
   if (!source.spec.ends_with(kFromMemory)) return py::str(source.spec);
-  return python::StateOf(Geometry(source.geometry));
+  NamedGeometry as_read = source.geometry;  // its corrections are of the scene's calibration
+  if (source.as_read != nullptr) as_read.source = source.as_read;
+  return python::StateOf(Geometry(std::move(as_read)));
 }
 
 // The references with their poses, the texts of what is read anew, and what is known of the scene.
@@ -105,7 +150,7 @@ ScenePointer SceneOf(const py::tuple& state) {
       const auto spec = one.cast<std::string>();
       WithoutLock([&] { OpenGeometry(*scene, spec); });
     } else {
-      NamedGeometry named = GeometryOf(one.cast<py::tuple>()).named;
+      NamedGeometry named = python::GeometryOf(one.cast<py::tuple>()).named;
       const std::string description = named.source->Description();
       scene->sources.push_back({std::move(named), description, description});
     }
@@ -170,7 +215,7 @@ InputError where a file cannot be read.)")
           [](const Scene& scene) {
             std::vector<std::shared_ptr<Geometry>> sources;
             for (const SceneSource& source : scene.sources) {
-              sources.push_back(std::make_shared<Geometry>(source.geometry));
+              sources.push_back(GeometryOf(scene, source));
             }
             return sources;
           },

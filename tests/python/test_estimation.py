@@ -106,9 +106,10 @@ def test_some_pixels_may_lie_outside_of_their_image() -> None:
     problem.expect_near(raylift.estimate_pose(half, problem.points2d, problem.points3d, **problem.pairs))
     tiny, of_references = raylift.Camera("SIMPLE_RADIAL", 1, 1, CAMERA.params), dict(problem.pairs)
     of_references["references"] = [(tiny, reference.cam_from_world) for reference in problem.references]
-    for name, camera, arguments in (
-            ("points2d: 200 of 200", tiny, dict(points2d=problem.points2d, points3d=problem.points3d)),
-            ("query2d: 600 of 600", tiny, problem.pairs), ("reference2d: 600 of 600", CAMERA, of_references)):
+    several: list[tuple[str, raylift.Camera, dict[str, Any]]] = [
+        ("points2d: 200 of 200", tiny, dict(points2d=problem.points2d, points3d=problem.points3d)),
+        ("query2d: 600 of 600", tiny, problem.pairs), ("reference2d: 600 of 600", CAMERA, of_references)]
+    for name, camera, arguments in several:
         with pytest.raises(raylift.InputError, match=rf"^{name} lie outside of the image \(1 x 1\): are they those of"):
             raylift.PoseProblem(camera, **arguments)
 

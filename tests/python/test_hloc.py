@@ -136,6 +136,26 @@ def test_logs_of_a_models_points_have_their_ids(
         assert log["PnP_ret"]["inlier_mask"].sum() == log["PnP_ret"]["num_inliers"] > 100
 
 
+def test_points_without_an_id_are_left_out_of_logs() -> None:
+    from raylift.hloc import _Points
+    camera = raylift.Camera("PINHOLE", 64, 48, [60, 60, 32, 24])
+    model = raylift.ColmapModel()
+    model.add_camera(1, camera)
+    for i, name in ((5, "a.jpg"), (6, "b.jpg"), (7, "c.jpg")):
+        model.add_image(i, name, 1, raylift.Rigid3(), [[32, 24], [10, 10]])
+    # Two points are at one position, each seen by another reference.
+    model.add_point3d(10, [0, 0, 5], [[5, 0]])
+    model.add_point3d(11, [0, 0, 5], [[6, 0]])
+    model.add_point3d(12, [1, 0, 5], [[5, 1], [7, 1]])
+    problem = raylift.PoseProblem(
+        camera, np.full((5, 2), 20.0), [[0, 0, 5], [0, 0, 5], [1, 0, 5], [1, 0, 5], [2, 0, 5]],
+        point_references=[1, 0, -1, 1, 0], references=[model.posed_images[0], model.posed_images[1]])
+    known, log = _Points(model).log(problem)
+    assert known.tolist() == [True, True, True, False, False]
+    assert log["points3D_ids"] == [11, 10, 12] and log["db"] == [6, 5]
+    assert log["keypoint_index_to_db"] == (problem.point_keypoints[:3].tolist(), [(11, [0]), (10, [1]), (12, [1])])
+
+
 @pytest.mark.parametrize("geometry", ["sfm", MESH])
 def test_logs_of_queries_without_a_pose_are_shown_too(
         geometry: str, hloc: HlocScene, with_points: Path, tmp_path: Path) -> None:

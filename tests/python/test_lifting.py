@@ -211,3 +211,15 @@ def test_filter_and_candidates() -> None:
         raylift.filter_points(problem, "some")
     with pytest.raises(raylift.OptionError, match="filter_min_views = 0"):
         raylift.filter_points(problem, "fixed", filter_min_views=0)
+
+
+@pytest.mark.parametrize("width, height, values, message", [
+    (48, 64, b"", "map of a.jpg: expected 48 x 64 numbers, found 0"),
+    (2, 2, bytes(12), "map of a.jpg: expected 2 x 2 numbers, found 3"),
+    (-1, -1, bytes(4), "map of a.jpg: expected -1 x -1 numbers, found 1"), (0, 5, b"", "expected 0 x 5 numbers"),
+    (1, 1, bytes(5), "state: expected numbers of 4 bytes each, found 5 bytes"),
+])
+def test_states_of_maps_that_do_not_fit_are_refused(width: int, height: int, values: bytes, message: str) -> None:
+    maps = raylift.DepthMaps.__new__(raylift.DepthMaps)
+    with pytest.raises(raylift.InputError, match=message):
+        maps.__setstate__(([("a.jpg", width, height, values)], "edge", [IMAGE], 0.1))

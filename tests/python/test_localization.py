@@ -113,6 +113,9 @@ def test_wrong_queries_are_input_errors(
     (dict(filter_min_views=0, filter="fixed"), "filter_min_views = 0"),
     (dict(method="p5p"), "method = p5p"),
     (dict(geometry="mesh:a"), "geometry: there is no such option"),
+    (dict(matcher_name="a", cache="b"), "matcher_name needs cache and matcher"),
+    (dict(matcher_name="a", matcher=print), "matcher_name needs cache and matcher"),
+    (dict(matcher_name="a", cache="b", matcher=print, extractor=print), "extractor_name"),
 ])
 def test_wrong_options_of_the_localizer(options: dict[str, Any], message: str) -> None:
     with pytest.raises(raylift.OptionError, match=message):
@@ -410,14 +413,17 @@ def test_features_of_a_resized_photograph_are_refused() -> None:
     scene = raylift.Scene.of([raylift.PosedImage("a.jpg", CAMERA, raylift.Rigid3())])
     descriptors = np.eye(4, 8, dtype=np.float32)
     pixels = np.array([[641.5, 3], [642, 3], [5, 5], [6, 6]])
+    many, of_many = np.tile(pixels * [1, 99], (3, 1)), np.eye(12, dtype=np.float32)
 
     def localizer(keypoints: Any, of: Any = descriptors) -> raylift.Localizer:
         return raylift.Localizer(scene, reference_features={"a.jpg": {"keypoints": keypoints, "descriptors": of}})
 
     localizer(pixels)  # most lie inside
-    for wrong in pixels * [1, 99], np.full((4, 2), np.nan):
-        with pytest.raises(raylift.InputError, match=r"features, keypoints: 4 of 4 lie outside of the image \(640 x 480"):
-            localizer(wrong)
+    localizer(many[:9], of_many[:9])  # few tell nothing
+    for wrong, of in (many, of_many), (np.full((4, 2), np.nan), descriptors):
+        message = rf"features, keypoints: {len(wrong)} of {len(wrong)} lie outside of the image \(640 x 480"
+        with pytest.raises(raylift.InputError, match=message):
+            localizer(wrong, of)
     with pytest.raises(raylift.InputError, match="features, descriptors: expected finite numbers"):
         localizer(pixels, np.full((4, 8), np.inf))
 
@@ -518,6 +524,7 @@ def test_references_are_retrieved_in_each_way(tmp_path: Path) -> None:
     (dict(retrieval="pose", view_range=(2, 1)), "view_range = 2,1: expected NEAR,FAR"),
     (dict(view_range=5), r"view_range = 5: expected \(near, far\)"),
     (dict(max_angle_deg=0, retrieval="pose"), "max_angle_deg = 0"),
+    (dict(max_angle_deg=181), "max_angle_deg = 181: must be above 0 and at most 180"),
     (dict(retrieval="overlap", prior_poses={}), "retrieval overlap needs geometry"),
     (dict(retrieval="vlad", matches="a", features="b", pairs="c"), "retrieval goes without files of matches"),
 ])
@@ -564,3 +571,79 @@ def test_localizers_and_scenes_pickle_copy_and_show_themselves(hloc: HlocScene, 
     assert scene != mixed and scene != raylift.Scene(DEMO / "model", [MESH], images=DEMO / "images", every=2)
     with pytest.raises(raylift.InputError, match="scene: its model was in memory"):
         pickle.dumps(raylift.Scene(raylift.ColmapModel.read(DEMO / "model")))
+
+
+def test_a_reference_whose_few_matches_lie_outside_is_left_alone(hloc: HlocScene) -> None:
+    name, camera = hloc.queries[0]
+    first, second = hloc.references[:2]
+    of_query, of_reference = hloc.matches[name, first.name]
+    query = np.array(hloc.keypoints[name])[of_query] + 0.5
+    pixels = np.asarray(hloc.keypoints[first.name])[of_reference] + 0.5
+    rows: Any = (np.vstack([query, query[:1]]), np.vstack([pixels, [[camera.width + 2, 5]]]),
+                 [first.name] * len(query) + [second.name])
+    localizer = raylift.Localizer(hloc.scene)
+    found = localizer.localize_matches(camera, *rows)
+    assert found.problem.query2d.tolist() == query.tolist()
+    alone = localizer.localize_matches(camera, *(row[-1:] for row in rows))
+    assert not alone and len(alone.problem.query2d) == 0
+
+
+def test_a_localizer_pickles_what_it_was_made_of() -> None:
+    scene = raylift.Scene.of([raylift.PosedImage("a.jpg", CAMERA, raylift.Rigid3())])
+    features: dict[str, Any] = {"keypoints": np.array([[5.0, 6]]), "descriptors": np.eye(1, 8, dtype=np.float32)}
+    of_references, poses = {"a.jpg": features}, {"b.jpg": raylift.Rigid3()}
+    localizer = raylift.Localizer(scene, reference_features=of_references, retrieval="pose", prior_poses=poses)
+    before = pickle.dumps(localizer)
+    features["keypoints"] = None
+    of_references.clear()
+    poses["b.jpg"] = raylift.Rigid3([1, 0, 0, 0], [1, 2, 3])
+    assert pickle.dumps(localizer) == before
+    pickle.loads(before)
+
+
+def test_scenes_keep_how_their_geometry_was_opened(tmp_path: Path) -> None:
+    depth = raylift.RayCaster(raylift.Mesh([[-9, -9, 4], [9, -9, 4], [9, 9, 4], [-9, 9, 4]], [[0, 2, 1], [0, 3, 2]])
+                              ).render(CAMERA, raylift.Rigid3(), ["distance"])["distance"]
+    np.save(tmp_path / "a.npy", (depth / 2).astype(np.float32))
+    reference = raylift.PosedImage("a.jpg", CAMERA, raylift.Rigid3())
+    texts: list[Any] = [f"depth:{tmp_path},kind=ray,scale=2", f"{MESH},far=3"]
+    scene = raylift.Scene.of([reference], texts)
+    again = raylift.Scene.of(scene.references, scene.geometry)
+    pixels = [[100, 80], [320, 240]]
+    assert scene.geometry[0].lift(reference, pixels)["depth"] == pytest.approx(4, abs=1e-3)
+    for other in again, pickle.loads(pickle.dumps(again)), pickle.loads(pickle.dumps(scene)):
+        for one, of_other in zip(scene.geometry, other.geometry):
+            assert of_other == one == pickle.loads(pickle.dumps(one)) and len({one, of_other}) == 1
+            np.testing.assert_array_equal(one.lift(reference, pixels)["points"],
+                                          of_other.lift(reference, pixels)["points"])
+    assert scene.geometry[1] == raylift.Geometry(texts[1])
+    assert scene.geometry[0] == raylift.Geometry(texts[0], references=[reference])
+    assert scene.geometry[0] != raylift.Geometry(f"depth:{tmp_path},kind=ray", references=[reference])
+    assert again != raylift.Scene.of([reference], raylift.Scene.of([reference], [f"depth:{tmp_path}", texts[1]]).geometry)
+
+
+def test_the_points_of_another_model_stay_those_of_it(tmp_path: Path) -> None:
+    for name, z in ("one", 2), ("other", 7):
+        model = raylift.ColmapModel()
+        model.add_camera(1, CAMERA)
+        for i in range(1, 5):
+            model.add_image(i, f"{i}.jpg", 1, raylift.Rigid3(), [[320, 240]], [5])
+        model.add_point3d(5, [0, 0, z], [[i, 0] for i in range(1, 5)])
+        model.write(tmp_path / name)
+    images = raylift.ColmapModel.read(tmp_path / "one").posed_images
+    for keys in "", ",radius=3":
+        foreign = raylift.Geometry(f"sfm{keys}", model=tmp_path / "other", references=images)
+        own = raylift.Scene(tmp_path / "one", [f"sfm{keys}"])
+        scenes = [raylift.Scene(tmp_path / "one", [foreign]), raylift.Scene.of(images, [foreign]),
+                  raylift.Scene(tmp_path / "one", own.geometry), raylift.Scene.of(own.references, own.geometry)]
+        assert scenes[0] != own == scenes[2]
+        for scene, z in zip(scenes, (7, 7, 2, 2)):
+            for other in scene, pickle.loads(pickle.dumps(scene)):
+                assert other == scene
+                for one in other.geometry[0], pickle.loads(pickle.dumps(other.geometry[0])):
+                    assert one.lift(images[0], [[320, 240]])["points"][0] == pytest.approx([0, 0, z])
+    # What no text says has no state.
+    thinned = raylift.Scene(tmp_path / "one", ["sfm"], every=2)
+    for unknown in thinned.geometry[0], raylift.Scene.of(thinned.references, thinned.geometry):
+        with pytest.raises(raylift.InputError, match="has no state"):
+            pickle.dumps(unknown)

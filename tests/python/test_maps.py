@@ -32,7 +32,7 @@ def depth_of(entry: bytes) -> NDArray[np.float64]:
     present = np.unpackbits(np.frombuffer(zlib.decompress(entry[28:28 + size]), np.uint8), bitorder="little")
     codes = np.flatnonzero(present)
     z = np.where(codes == 0, 0, np.exp(least + (largest - least) * (codes - 1) / 65534))
-    picture = cv2.imdecode(np.frombuffer(entry[28 + size:], np.uint8), cv2.IMREAD_UNCHANGED).astype(int)
+    picture = some(cv2.imdecode(np.frombuffer(entry[28 + size:], np.uint8), cv2.IMREAD_UNCHANGED)).astype(int)
     assert picture.shape[:2] == (height, width)
     folded = 256 * picture[..., 2] + picture[..., 1]  # red and green of BGR
     residuals = np.where(folded % 2 == 0, folded // 2, -(folded + 1) // 2)

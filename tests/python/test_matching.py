@@ -156,7 +156,7 @@ def test_forms_of_matches_of_an_extractor(result: dict[str, Any] | list[Any]) ->
     (dict(matcher=cv2.BFMatcher()), "with an extractor"),
     (dict(matcher=types.SimpleNamespace(match_batch=lambda query, references: [])),
      "expected the matches with .* references, found 0"),
-    (dict(retrieval="netvlad"), "retrieval: expected a callable, found a str"),
+    (dict(retrieval=5), "retrieval: expected a callable, found a int"),
     (dict(retrieval=lambda image: [0, 0]), "retrieval: expected a vector"),
     (dict(retrieval=lambda image: [1] * int(image.sum() % 97 + 1)), "retrieval: expected vectors of one size"),
     (dict(matcher=lambda a, b: 3), "matcher: expected rows"),
@@ -306,6 +306,81 @@ def test_kept_matches_are_those_of_the_photographs_as_they_are(tmp_path: Path) -
     copy.write_bytes(FILE.read_bytes() + b"\0")
     localize()
     assert len(calls) == len(open_scene(12).references)
+
+
+def copies(folder: Path, *names: str) -> list[tuple[str, str]]:
+    """Names and files of copies of a photograph."""
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(FILE.read_bytes())
+    return [(name, str(folder / name)) for name in names]
+
+
+def test_names_that_hloc_writes_alike_each_have_their_matches(tmp_path: Path) -> None:
+    pytest.importorskip("h5py")
+    from raylift._matching import matcher_of
+    calls: list[int] = []
+
+    def match(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> list[list[float]]:
+        calls.append(1)
+        return [[len(calls), 0, 0, 0.1]]
+    query, *references = copies(tmp_path, "query.jpg", "cam/0.jpg", "cam-0.jpg", "b.jpg")
+    matches = matcher_of(match, None, 0, str(tmp_path / "cache"), "mine")
+    for expected in ([1, 2, 3], [4, 2, 3], [4, 5, 3]):
+        found = matches(query, references)
+        assert [first_px[0, 0] for first_px, _, _ in found] == expected
+        assert all(second_px[0, 1] == np.float32(0.1) for _, second_px, _ in found)
+
+
+def test_kept_matches_are_those_of_the_extractor(tmp_path: Path) -> None:
+    pytest.importorskip("h5py")
+    from raylift._matching import matcher_of
+    calls: list[int] = []
+
+    def match(first: object, second: object) -> list[list[int]]:
+        calls.append(1)
+        return [[0, 0]]
+    query, reference = copies(tmp_path, "query.jpg", "a.jpg")
+    for name, count in (("one", 1), ("one", 1), ("other", 2), ("other", 2)):
+        matcher_of(match, lambda image: (FIRST, None), 0, str(tmp_path / "cache"), "mine", name)(query, [reference])
+        assert len(calls) == count
+
+
+def test_features_in_memory_are_those_of_the_photographs_as_they_are(tmp_path: Path) -> None:
+    from raylift._matching import matcher_of
+    calls: list[int] = []
+
+    def extract(image: NDArray[np.uint8]) -> tuple[NDArray[np.float64], None]:
+        calls.append(1)
+        return FIRST, None
+    matches = matcher_of(lambda first, second: [[0, 0]], extract)
+    query, reference = copies(tmp_path, "query.jpg", "a.jpg")
+    for count in (2, 2):
+        matches(query, [reference])
+        assert len(calls) == count
+    Path(reference[1]).write_bytes(FILE.read_bytes() + b"\0")
+    matches(query, [reference])
+    assert len(calls) == 3
+    with pytest.raises(raylift.InputError, match="none.jpg: No such file"):
+        matches(query, [("none.jpg", str(tmp_path / "none.jpg"))])
+
+
+def test_without_references_nothing_is_called() -> None:
+    from raylift._matching import matcher_of
+
+    def fails(*photographs: object) -> None:
+        raise AssertionError(photographs)
+    assert matcher_of(fails, fails)(("a", "none.jpg"), []) == []
+
+
+def test_a_descriptor_of_another_size_is_the_only_one_refused() -> None:
+    from raylift._matching import descriptor_of
+    describe = descriptor_of(lambda image: image.reshape(-1))
+    pixels = np.array([3, 4, 0], np.uint8)
+    assert describe(pixels).tolist() == pytest.approx([0.6, 0.8, 0])
+    with pytest.raises(raylift.InputError, match="one size, 3 numbers, found 2"):
+        describe(pixels[:2])
+    assert describe(pixels).tolist() == pytest.approx([0.6, 0.8, 0])
 
 
 def test_global_descriptors_of_ones_own_retrieve() -> None:
@@ -508,14 +583,20 @@ def test_predictions_are_matched_at_the_photographs_pixels(
     assert all(row in rows for row in expected) and len(rows) <= len(expected) + 12
 
 
-@pytest.mark.parametrize("size, shape, scale, cut", [
-    ((640, 480), (384, 512), 0.8, (0, 0)),  # load_images() of size 512
-    ((1024, 683), (336, 512), 0.5, (0, 3)),  # resized to 512 x 342, whose 3 upper rows are cut off
-    ((1000, 1000), (384, 512), 0.512, (0, 64)),
-    ((640, 480), (224, 224), 299 / 640, (37, 0)),  # of size 224, by way of 299 x 224
+@pytest.mark.parametrize("size, shape, resized, cut", [
+    ((640, 480), (384, 512), (512, 384), (0, 0)),  # load_images() of size 512
+    ((1024, 683), (336, 512), (512, 342), (0, 3)),
+    ((1000, 1000), (384, 512), (512, 512), (0, 64)),
+    ((2048, 1150), (288, 512), (512, 288), (0, 0)),
+    ((1150, 2048), (512, 288), (288, 512), (0, 0)),
+    ((640, 480), (224, 224), (299, 224), (37, 0)),  # of size 224
+    ((1080, 1920), (224, 224), (224, 398), (0, 87)),
 ])
 def test_pixels_of_resized_and_cut_photographs(
-        size: tuple[int, int], shape: tuple[int, int], scale: float, cut: tuple[int, int]) -> None:
+        size: tuple[int, int], shape: tuple[int, int], resized: tuple[int, int], cut: tuple[int, int]) -> None:
     from raylift import _adapters
-    corner = _adapters._of_photograph(np.array([0]), shape, np.zeros((size[1], size[0], 3), np.uint8))
-    assert corner[0] == pytest.approx((np.array(cut) + 0.5) / scale - 0.5, abs=0.02)
+    of_map = np.array([[0, 0], [shape[1] - 1, shape[0] - 1]])
+    found = _adapters._of_photograph(np.array([0, shape[0] * shape[1] - 1]), shape,
+                                     np.zeros((size[1], size[0], 3), np.uint8))
+    expected = (of_map + cut + 0.5) * np.array(size) / np.array(resized) - 0.5
+    assert found == pytest.approx(expected, abs=1e-9)  # rounding alone

@@ -19,7 +19,7 @@ from typing import Any, Callable, Dict, Iterator, List, Optional, Tuple
 import numpy as np
 
 import raylift
-from raylift import _core, _types
+from raylift import _core, _options, _types
 
 DEMO = Path(os.environ["RAYLIFT_SOURCE"]) / "assets/demo"
 CAMERA = raylift.Camera("PINHOLE", 64, 48, [60, 60, 32, 24])
@@ -88,7 +88,8 @@ RIGHT: Dict[str, Any] = {
     "read_image.file": DEMO / "images/query/query_02.jpg", "read_poses.file": "poses.txt",
     "read_queries.file": DEMO / "queries.txt", "write_depth.file": "depth.npy", "write_poses.file": "poses.txt",
     "write_queries.file": "queries.txt", "refine_pose.cam_from_world": raylift.Rigid3(), "write_poses.poses": {},
-    "solve_e5p1.reference": BESIDE, "solve_d3p1.reference": BESIDE, "solve_e5p1.rays": np.eye(6, 3), "solve_e5p1.reference_rays": np.eye(6, 3), "solve_d3p1.rays": np.eye(4, 3),
+    "solve_e5p1.reference": BESIDE, "solve_d3p1.reference": BESIDE, "solve_e5p1.rays": np.eye(6, 3),
+    "solve_e5p1.reference_rays": np.eye(6, 3), "solve_d3p1.rays": np.eye(4, 3),
     "solve_up2p.rays": np.eye(2, 3), "solve_up2p.points3d": POINTS[:2], "solve_known_center.rays": np.eye(2, 3),
     "solve_known_center.points3d": POINTS[:2], "Query.name": "a.jpg", "RayCaster.mesh": MESH,
     "alone": RESULT, "cam_from_odometry": BESIDE, "camera": CAMERA, "camera_id": 1, "cameras": CAMERA,
@@ -117,7 +118,8 @@ Parameters = Tuple[List[str], List[str], List[str]]  # by position, that must be
 def options_of(annotation: str) -> List[str]:
     """The names of the options that a function takes as **options: Unpack[Options]."""
     found = re.search(r"Unpack\[(?:\w+\.)*(\w+)\]", annotation)
-    return list(getattr(_types, found[1]).__annotations__) if found and hasattr(_types, found[1]) else []
+    owner = next((module for module in (_types, _options) if found and hasattr(module, found[1])), None)
+    return list(getattr(owner, found[1]).__annotations__) if found and owner else []
 
 
 def of_stub(node: ast.FunctionDef) -> Parameters:
@@ -188,7 +190,8 @@ def attack_class(name: str, cls: Any, node: ast.ClassDef) -> None:
         if not isinstance(method, ast.FunctionDef) or method.name in ("__new__", "__hash__", "__eq__", "__array__"):
             continue
         decorators = {getattr(one, "id", "") for one in method.decorator_list}
-        owner = f"{name}.{method.name}"
+        method_name = method.name
+        owner = f"{name}.{method_name}"
         parameters = of_stub(method)
         if method.name == "__init__":
             attack(name, lambda: cls, parameters, must_work=name not in ("DepthMaps", "Lifter"))
@@ -196,17 +199,17 @@ def attack_class(name: str, cls: Any, node: ast.ClassDef) -> None:
             attack(owner, lambda: lambda state: cls.__new__(cls).__setstate__(state), (["state"], ["state"], []),
                    must_work=False)
         elif "staticmethod" in decorators:
-            attack(owner, lambda: getattr(cls, method.name), parameters)
+            attack(owner, lambda: getattr(cls, method_name), parameters)
         elif "property" in decorators:
             print(owner, flush=True)
             for value in VALUES:
                 with contextlib.suppress(TypeError):
-                    getattr(cls, method.name).fget(value)
+                    getattr(cls, method_name).fget(value)
         else:
-            attack(owner, lambda: getattr(SELVES[name](), method.name), parameters,
+            attack(owner, lambda: getattr(SELVES[name](), method_name), parameters,
                    must_work=owner != "Localizer.write_calibration")
             # Also without an object of its own class.
-            attack(owner + ", self", lambda: getattr(cls, method.name), (["self", *parameters[0]], [], []),
+            attack(owner + ", self", lambda: getattr(cls, method_name), (["self", *parameters[0]], [], []),
                    must_work=False)
 
 
@@ -214,7 +217,8 @@ def attack_core() -> None:
     stub = ast.parse((Path(raylift.__file__).parent / "_core.pyi").read_text(encoding="utf-8"))
     for node in stub.body:
         if isinstance(node, ast.FunctionDef) and node.name not in LEFT_OUT:
-            attack(node.name, lambda: getattr(_core, node.name), of_stub(node))
+            name = node.name
+            attack(name, lambda: getattr(_core, name), of_stub(node))
         if isinstance(node, ast.ClassDef) and not node.name.endswith("Error"):
             attack_class(node.name, getattr(_core, node.name), node)
 

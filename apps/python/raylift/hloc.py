@@ -8,7 +8,7 @@ from __future__ import annotations
 import pickle
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Dict, List, Mapping, Optional, Sequence, Union, cast
+from typing import TYPE_CHECKING, Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union, cast
 
 import numpy as np
 
@@ -32,10 +32,11 @@ def _open_scene(reference: Union[_core.Scene, ModelLike], geometry: Sequence[Geo
 
 
 def _read_model(reference: ModelLike) -> _core.ColmapModel:
-    if not hasattr(reference, "write"):
-        return _core.ColmapModel.read(reference)
+    write = getattr(reference, "write", None)
+    if write is None:
+        return _core.ColmapModel.read(cast("PathLike", reference))
     with tempfile.TemporaryDirectory() as folder:
-        reference.write(folder)
+        write(folder)
         return _core.ColmapModel.read(folder)
 
 
@@ -46,28 +47,36 @@ class _Points:
         self._model = model
         self._image_ids = {model.image(image_id)["name"]: image_id for image_id in model.image_ids}
         points = model.points3d
-        self._ids = {position.tobytes(): int(i) for i, position in zip(points["ids"], points["positions"])}
+        self._ids: Dict[bytes, List[int]] = {}
+        for i, position in zip(points["ids"], points["positions"]):
+            self._ids.setdefault(position.tobytes(), []).append(int(i))
 
-    def log(self, problem: _core.PoseProblem) -> Optional[Dict[str, object]]:
-        """What hloc.localize_sfm logs of points that have ids. hloc's viewer looks a point up in the tracks
-        of the references in `db`, of which it expects that each shows some: the others are left out.
-        None where a point is none of the model's."""
+    def _seen(self, position: NDArray[np.float64], image_ids: Sequence[int]) -> Tuple[int, List[int]]:
+        """The point that is there and which of these images show it; none: there is no such point."""
+        for point in self._ids.get(position.tobytes(), []):
+            track = set(self._model.track(point)[:, 0].tolist())
+            shown_in = [i for i in image_ids if i in track]
+            if shown_in:
+                return point, shown_in
+        return -1, []
+
+    def log(self, problem: _core.PoseProblem) -> Tuple[NDArray[np.bool_], Dict[str, object]]:
+        """What hloc.localize_sfm logs of points that have ids, and which of the problem's points these are.
+        hloc's viewer looks a point up in the tracks of the references in `db`, of which it expects that each
+        shows some: the others are left out."""
         of_reference = [self._image_ids[image.name] for image in problem.references]
-        ids: List[int] = []
-        image_ids: List[int] = []
-        for position, reference in zip(problem.points3d, problem.point_references):
-            point = self._ids.get(position.tobytes())
-            if point is None or of_reference[reference] not in self._model.track(point)[:, 0]:
-                return None
-            ids.append(point)
-            image_ids.append(of_reference[reference])
-        db = list(dict.fromkeys(image_ids))
-        return {
+        # -1: lifted from none of them alone.
+        found = [self._seen(position, of_reference if reference < 0 else [of_reference[reference]])
+                 for position, reference in zip(problem.points3d, problem.point_references.tolist())]
+        known = np.array([bool(shown_in) for _, shown_in in found], bool)
+        points = [one for one in found if one[1]]
+        db = list(dict.fromkeys(i for _, shown_in in points for i in shown_in))
+        return known, {
             "db": db,
-            "points3D_ids": ids,
+            "points3D_ids": [point for point, _ in points],
             "points3D_xyz": None,
-            "keypoint_index_to_db": (problem.point_keypoints.tolist(),
-                                     [(point, [db.index(i)]) for point, i in zip(ids, image_ids)]),
+            "keypoint_index_to_db": (problem.point_keypoints[known].tolist(),
+                                     [(point, [db.index(i) for i in shown_in]) for point, shown_in in points]),
         }
 
 
@@ -88,27 +97,27 @@ def _log_of_pixels(problem: _core.PoseProblem) -> Dict[str, Any]:
 
 def _log(result: _core.LocalizedQuery, points: Optional[_Points]) -> Dict[str, Any]:
     """What hloc logs of a query, as hloc.visualization.visualize_loc reads it: with `reconstruction` where
-    the points are a model's, without where they are lifted."""
+    the points are a model's, of which those alone are logged, without where they are lifted."""
     problem, estimate = result.problem, result.estimate
     pose = result.cam_from_world
     # hloc's viewer wants a mask of what was not localized, too.
     inliers = estimate.inliers_2d3d if pose is not None else np.zeros(len(problem.points2d), bool)
+    known, of_points = (slice(None), _log_of_pixels(problem)) if points is None else points.log(problem)
     found: Dict[str, Any] = {
         "success": pose is not None,
         "num_inliers": int(inliers.sum()),
-        "inliers": inliers,
-        "inlier_mask": inliers,
+        "inliers": inliers[known],
+        "inlier_mask": inliers[known],
         "confidence": result.confidence,
         "verdict": result.verdict,
     }
     if pose is not None:
         found.update(qvec=pose.qvec, tvec=pose.tvec, covariance=estimate.covariance)
-    of_model = None if points is None else points.log(problem)
     return {
         "PnP_ret": found,
-        "keypoints_query": problem.points2d,
+        "keypoints_query": problem.points2d[known],
         "num_matches": len(problem.query2d),
-        **(of_model or _log_of_pixels(problem)),
+        **of_points,
     }
 
 

@@ -403,14 +403,14 @@ def doctor(photograph: Image, *, extractor: Optional[ExtractorLike] = None, matc
 
     Any that Localizer takes. first_pixel: as it is stated to Localizer, so of no model of this module, which
     know it. Returns what was measured, its standard deviation, and in words whether it is what was stated."""
-    own: Any = matcher if extractor is None else extractor
+    own = matcher if extractor is None else extractor
     if (extractor is None) == (matcher is None):
         raise _core.InputError("doctor: expected an extractor or a matcher, found "
                                f"{'neither' if own is None else 'both'}")
     image = np.asarray(photograph)
     image = image[:image.shape[0] // _GRID_PX * _GRID_PX, :image.shape[1] // _GRID_PX * _GRID_PX]
-    measure: Any = _first_pixel_of_matcher if extractor is None else _first_pixel_of_extractor
-    measured = np.array([measure(own, image, axis) for axis in (0, 1)])
+    measured = np.array([_first_pixel_of_matcher(cast("MatcherLike", matcher), image, axis) if extractor is None else
+                         _first_pixel_of_extractor(extractor, image, axis) for axis in (0, 1)])
     stated = first_pixel
     if isinstance(own, _Model):
         # Its results are as Localizer takes them where what was stated is right.
