@@ -204,15 +204,6 @@ class Rows {
   size_t size_ = 0;
 };
 
-// InputError where a row is not finite.
-template <int kColumns>
-void RequireFiniteRows(const Rows<kColumns>& rows, std::string_view name) {
-  for (size_t i = 0; i < rows.size(); ++i) {
-    if (rows[i].allFinite()) continue;
-    throw InputError(fmt::format("{}, row {}: expected finite numbers", name, i));
-  }
-}
-
 // Whether so many pixels lie outside of their images that these were resized: those near the border
 // may lie beside them, and few tell nothing.
 inline bool LookResized(size_t outside, size_t count) {

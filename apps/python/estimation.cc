@@ -66,8 +66,6 @@ void AddPoints(const ProblemArrays& arrays, PoseProblem& problem) {
   const Rows<3> points(arrays.points3d, "points3d");
   const size_t count = points.size();
   RequireEqualCounts("points2d", pixels.size(), "points3d", count);
-  RequireFiniteRows(pixels, "points2d");
-  RequireFiniteRows(points, "points3d");
   RequireMostInside(pixels, "points2d", [&](size_t) { return SizeOf(problem.query_camera); });
   const auto sigmas = PerMatch<double>(arrays.point_sigmas, "point_sigmas", count);
   const auto references = PerMatch<int64_t>(arrays.point_references, "point_references", count);
@@ -100,8 +98,6 @@ void AddPairs(const ProblemArrays& arrays, PoseProblem& problem) {
   const Rows<2> query(arrays.query2d, "query2d"), reference(arrays.reference2d, "reference2d");
   const size_t count = query.size();
   RequireEqualCounts("query2d", count, "reference2d", reference.size());
-  RequireFiniteRows(query, "query2d");
-  RequireFiniteRows(reference, "reference2d");
   const auto indices = PerMatch<int64_t>(arrays.reference_index, "reference_index", count);
   const auto sigmas = PerMatch<double>(arrays.reference_sigmas_px, "reference_sigmas_px", count);
   const auto keypoints = PerMatch<int64_t>(arrays.query_keypoints, "query_keypoints", count);
