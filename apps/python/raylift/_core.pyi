@@ -960,19 +960,20 @@ class Localizer:
         once for all references of a query instead, and returns a list. These are taken as they
         are: with an extractor OpenCV's DescriptorMatcher and LightGlue, without RoMa, DKM and the
         matchers of image-matching-models (vismatch). With cache and a matcher_name, matches of
-        photographs in files are kept as hloc.match_dense does, by h5py.
+        photographs in files are kept as hloc.match_dense does, by h5py; those of an extractor's
+        features need its extractor_name, too.
 
-        retrieval: called with each photograph in place of VLAD, by which references are retrieved:
-        returns its global descriptor (D,), as raylift.onnx.GlobalDescriptor does.
+        retrieval: how references are found: by a function that is called with each photograph and
+        returns its global descriptor (D,), as raylift.onnx.GlobalDescriptor does (nothing of it is
+        kept: each localize_all() and leave_one_out() describes the references anew); or "vlad"; "global"
+        by global_features (hloc's global-feats file; query_global_features: that of the queries,
+        where it is another one); "pose" or "overlap" by prior_poses (a COLMAP model, a pose file, or
+        a dict of poses by the queries' names), the first within max_angle_deg or by the view_range
+        (near, far) in scene units; or "covisibility", of leave_one_out(). All but functions and
+        "vlad" are for localize_all() and leave_one_out().
 
-        Each is called one call at a time; pixels count as first_pixel says, by default as OpenCV's,
+        Functions are called one call at a time; pixels count as first_pixel says, by default as OpenCV's,
         whose first pixel's center is (0, 0).
-
-        retrieval: how references are found: "vlad"; "global" by global_features (hloc's global-feats
-        file; query_global_features: that of the queries, where it is another one); "pose" or
-        "overlap" by prior_poses (a COLMAP model, a pose file, or a dict of poses by the queries'
-        names), the first within max_angle_deg or by the view_range (near, far) in scene units; or
-        "covisibility", of leave_one_out(). All but "vlad" are for localize_all() and leave_one_out().
 
         Raises OptionError for an option out of range.
         """
@@ -983,7 +984,8 @@ class Localizer:
     def leave_one_out(self, *, threads: typing.SupportsInt | typing.SupportsIndex = 0, progress: raylift._types.Progress | None = None) -> dict[str, LocalizedQuery]:
         """
         Each reference as a query of the others: what is to be expected where no query's pose
-        is known. Returns a dict by name.
+        is known; but retrieval="pose" or "overlap" takes the references' own poses as
+        their prior poses. Returns a dict by name.
         """
     def localize(self, query: raylift._types.PhotographLike, camera: raylift._types.CameraLike | None = None, *, name: str = 'query', position_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike] | None = None, gravity_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike, typing.SupportsFloat | typing.SupportsIndex] | None = None, heading_prior: tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike, numpy.typing.ArrayLike, typing.SupportsFloat | typing.SupportsIndex] | None = None, orientation_prior: tuple[numpy.typing.ArrayLike, typing.SupportsFloat | typing.SupportsIndex] | None = None, range_prior: tuple[typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex] | None = None, focal_sigma: typing.SupportsFloat | typing.SupportsIndex | None = None, focal_range: typing.SupportsFloat | typing.SupportsIndex = 1.0) -> LocalizedQuery:
         """
@@ -1006,8 +1008,8 @@ class Localizer:
         references' names (M,). query_keypoints: (M,), where it is known which keypoint of the
         query a match is of. Priors and focal_... as of raylift.Query.
 
-        Matches outside of their images are left out of the result's problem; InputError where most
-        matches with a reference are, as those of resized images.
+        Matches outside of their images are left out of the result's problem; InputError where most of
+        at least 10 are, as those of resized images.
         """
     def write_calibration(self, file: raylift._types.PathLike) -> None:
         """
