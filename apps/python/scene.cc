@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "apps/python/geometry_source.h"
+#include "io/map/packed_map.h"
 #include "lifting/mesh_spec.h"
 
 #include "raylift/base/error.h"
@@ -139,6 +140,7 @@ ScenePointer SceneOf(const py::tuple& state) {
   auto scene = std::make_shared<Scene>();
   scene->references = {state[1].cast<std::string>(), state[0].cast<std::vector<PosedImage>>(),
                        state[2].cast<std::vector<std::string>>()};
+  scene->references.map = WithoutLock([&] { return OpenPackedMap(scene->references.model); });
   scene->model_poses = ToEnum<PoseConvention>("model_poses", state[3].cast<std::string>());
   scene->images = state[4].cast<std::string>();
   if (state[5].cast<bool>()) {

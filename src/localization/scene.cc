@@ -83,14 +83,14 @@ namespace {
 
 // Takes what a packed map knows of its depth, where that is the geometry.
 Scene WithPackedCalibration(Scene scene) {
-  const std::filesystem::path& model = scene.references.model;
-  if (scene.sources.size() != 1 || !IsPackedMap(model)) return scene;
+  const auto& map = scene.references.map;
+  if (scene.sources.size() != 1 || map == nullptr) return scene;
   constexpr std::string_view kDepth = "depth:";
   const std::string& spec = scene.sources.front().spec;
   if (!spec.starts_with(kDepth)) return scene;
   const std::filesystem::path maps = spec.substr(kDepth.size(), spec.find(',') - kDepth.size());
-  if (std::error_code ignored; !std::filesystem::equivalent(maps, model, ignored)) return scene;
-  const std::string text = PackedMap(model).ReadCalibration();
+  if (std::error_code none; !std::filesystem::equivalent(maps, map->file(), none)) return scene;
+  const std::string text = map->ReadCalibration();
   if (text.empty()) return scene;
   return Calibrated(scene, std::make_shared<const SceneCalibration>(ParseSceneCalibration(text)));
 }
@@ -164,9 +164,10 @@ LoadedReferences LoadReferences(const std::filesystem::path& model, const Subsam
                                 PoseConvention poses) {
   LoadedReferences loaded;
   loaded.references.model = model;
+  loaded.references.map = OpenPackedMap(model);
   std::vector<PosedImage> images;
-  if (IsPackedMap(model)) {
-    images = PackedMap(model).references();
+  if (const auto& map = loaded.references.map) {
+    images = map->references();
   } else {
     ColmapModel colmap = ReadColmapModel(model);
     loaded.warnings = std::move(colmap.warnings);

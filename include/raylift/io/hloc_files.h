@@ -24,11 +24,14 @@
 
 namespace raylift {
 
+class PackedMap;
+
 // features.h5: one (nested) group per image name; or the features of a packed map.
 class FeatureFile {
  public:
   // Opens for reading; throws InputError where it is missing or neither of these.
   explicit FeatureFile(const std::filesystem::path& path);
+  explicit FeatureFile(std::shared_ptr<const PackedMap> map);  // not null
   ~FeatureFile();
   FeatureFile(FeatureFile&&) noexcept;
   FeatureFile& operator=(FeatureFile&&) noexcept;

@@ -31,6 +31,7 @@
 namespace raylift {
 
 class Covisibility;
+class PackedMap;
 class RayCaster;
 struct RenderHooks;
 struct SceneCalibration;
@@ -44,6 +45,8 @@ struct ReferenceSet {
   std::filesystem::path model;  // for messages
   std::vector<PosedImage> images;
   std::vector<std::string> thinned_out;
+  // Where the model is a packed map: what it holds of them; else null.
+  std::shared_ptr<const PackedMap> map = nullptr;
 };
 
 struct LoadedReferences {

@@ -4,6 +4,7 @@
 #include <mutex>
 #include <optional>
 #include <set>
+#include <utility>
 
 #include "io/hloc/hdf5_file.h"
 #include "io/map/packed_map.h"
@@ -149,20 +150,19 @@ std::string DatasetOf(const std::string& image_name) { return image_name + "/glo
 }  // namespace
 
 struct FeatureFile::Impl {
-  explicit Impl(const std::filesystem::path& path) {
-    if (IsPackedMap(path)) {
-      map.emplace(path);
-    } else {
-      file.emplace(path);
-    }
+  explicit Impl(const std::filesystem::path& path) : map(OpenPackedMap(path)) {
+    if (!map) file.emplace(path);
   }
-  std::optional<PackedMap> map;
+  explicit Impl(std::shared_ptr<const PackedMap> packed) : map(std::move(packed)) {}
+  std::shared_ptr<const PackedMap> map;
   std::optional<Hdf5Reader> file;  // where it is no map
   mutable std::mutex mutex;
   std::set<std::string> coarse_images;
 };
 
 FeatureFile::FeatureFile(const std::filesystem::path& path) : impl_(std::make_unique<Impl>(path)) {}
+FeatureFile::FeatureFile(std::shared_ptr<const PackedMap> map)
+    : impl_(std::make_unique<Impl>(std::move(map))) {}
 FeatureFile::~FeatureFile() = default;
 FeatureFile::FeatureFile(FeatureFile&&) noexcept = default;
 FeatureFile& FeatureFile::operator=(FeatureFile&&) noexcept = default;
@@ -200,7 +200,10 @@ Features FeatureFile::Read(const std::string& image_name) const {
 }
 
 PlaneSize FeatureFile::ReadImageSize(const std::string& image_name) const {
-  if (impl_->map) return impl_->map->SizeOf(image_name);
+  if (const auto& map = impl_->map) {
+    const Camera& camera = map->references()[map->IndexOf(image_name)].camera;
+    return {camera.width_px(), camera.height_px()};
+  }
   CheckHas(*impl_->file, image_name);
   return SizeOf(*impl_->file, image_name);
 }

@@ -213,12 +213,12 @@ std::string PackedMap::DepthBytes(const std::string& reference) const {
 std::string PackedMap::FeatureBytes(const std::string& reference) const {
   return HasFeatures(reference) ? impl_->Read(FeaturesEntry(reference)) : std::string();
 }
-PlaneSize PackedMap::SizeOf(const std::string& reference) const {
+size_t PackedMap::IndexOf(const std::string& reference) const {
   const auto found = std::ranges::lower_bound(impl_->references, reference, {}, &PosedImage::name);
   if (found == impl_->references.end() || found->name != reference) {
     throw InputError(impl_->file, reference, "the reference is not in the map");
   }
-  return {found->camera.width_px(), found->camera.height_px()};
+  return static_cast<size_t>(found - impl_->references.begin());
 }
 DepthMap PackedMap::ReadDepth(const std::string& reference) const {
   const std::string entry = DepthEntry(reference);
@@ -236,6 +236,10 @@ std::optional<PackedRetrieval> PackedMap::ReadRetrieval() const {
 std::string PackedMap::ReadCalibration() const {
   return impl_->names.contains(kCalibration) ? impl_->Read(std::string(kCalibration))
                                              : std::string();
+}
+
+std::shared_ptr<const PackedMap> OpenPackedMap(const path& file) {
+  return IsPackedMap(file) ? std::make_shared<const PackedMap>(file) : nullptr;
 }
 
 void WritePackedMap(const path& file, const MapContents& contents) {

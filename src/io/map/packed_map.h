@@ -15,6 +15,7 @@
 
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -70,11 +71,11 @@ class PackedMap {
   const std::vector<PosedImage>& references() const;  // sorted by name
 
   // Throw InputError where there is none of that name, or it is damaged.
+  size_t IndexOf(const std::string& reference) const;
   DepthMap ReadDepth(const std::string& reference) const;
   Features ReadFeatures(const std::string& reference) const;
   bool HasDepth(const std::string& reference) const;
   bool HasFeatures(const std::string& reference) const;
-  PlaneSize SizeOf(const std::string& reference) const;  // of its photograph
   // nullopt where no reference has features.
   std::optional<PackedRetrieval> ReadRetrieval() const;
   // JSON of the scene's calibration; empty where there is none.
@@ -88,6 +89,9 @@ class PackedMap {
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
+
+// Returns the map; null where a file is none.
+std::shared_ptr<const PackedMap> OpenPackedMap(const std::filesystem::path& file);
 
 // What a map is written of. Entries are asked for one after the other.
 struct MapContents {

@@ -53,48 +53,43 @@ std::vector<ImageFile> ImagesOf(const FrontEndOptions& options, const ReferenceS
   return files;
 }
 
-// Returns the features that stand in a packed map for photographs; null where the model is none.
-std::shared_ptr<const FeatureFile> PackedFeatures(const FrontEndOptions& options,
-                                                  const std::filesystem::path& model) {
-  if (!IsPackedMap(model)) return nullptr;
-  const std::string features = PackedMap(model).header().features;
+using MapPointer = std::shared_ptr<const PackedMap>;
+
+// Returns the features that stand in a packed map for photographs; null without a map.
+std::shared_ptr<const FeatureFile> FeaturesIn(const MapPointer& map,
+                                              const FrontEndOptions& options) {
+  if (map == nullptr) return nullptr;
+  const std::string& features = map->header().features;
   if (!options.extractor && features != kRootSift) {
-    throw InputError(model,
+    throw InputError(map->file(),
                      fmt::format("its features are of {}, those of queries are RootSIFT here: "
                                  "matches must be given",
                                  features));
   }
-  return std::make_shared<const FeatureFile>(model);
+  return std::make_shared<const FeatureFile>(map);
 }
 
-FeatureCacheOptions CacheOf(const FrontEndOptions& options, const std::filesystem::path& model) {
+FeatureCacheOptions CacheOf(const FrontEndOptions& options, const MapPointer& map = nullptr) {
   return {.folder = options.cache,
           .max_features = options.max_features,
           .extractor = options.extractor,
           .extractor_name = options.extractor_name,
           .threads = options.threads,
           .show_progress = options.show_progress,
-          .packed = PackedFeatures(options, model)};
+          .packed = FeaturesIn(map, options)};
 }
 
-// The vectors that a packed map has of these references; nullopt where the model is none.
-std::optional<VladVectors> PackedVectors(const std::filesystem::path& model,
-                                         std::span<const std::string> references) {
-  if (!IsPackedMap(model)) return std::nullopt;
-  const PackedMap map(model);
+// The vectors that a map, of which these references are, has of them; nullopt where it has none.
+std::optional<VladVectors> VectorsIn(const PackedMap& map,
+                                     std::span<const std::string> references) {
   auto retrieval = map.ReadRetrieval();
   if (!retrieval) return std::nullopt;
   VladVectors vectors{{std::move(retrieval->words)}, {}};
   vectors.of_references.resize(retrieval->vectors.rows(),
                                static_cast<Eigen::Index>(references.size()));
   for (size_t i = 0; i < references.size(); ++i) {
-    const auto found =
-        std::ranges::lower_bound(map.references(), references[i], {}, &PosedImage::name);
-    if (found == map.references().end() || found->name != references[i]) {
-      throw InputError(model, references[i], "the reference is no longer in the map");
-    }
     vectors.of_references.col(static_cast<Eigen::Index>(i)) =
-        retrieval->vectors.col(found - map.references().begin());
+        retrieval->vectors.col(static_cast<Eigen::Index>(map.IndexOf(references[i])));
   }
   return vectors;
 }
@@ -117,7 +112,7 @@ Eigen::MatrixXf Describe(std::span<const ImageFile> photographs, const FrontEndO
   return columns;
 }
 
-VladIndex IndexOf(const std::filesystem::path& model, const std::vector<PosedImage>& references,
+VladIndex IndexOf(const MapPointer& map, const std::vector<PosedImage>& references,
                   const FeatureStore& features, const FrontEndOptions& options) {
   std::vector<std::string> names = NamesOf(references);
   if (options.descriptor) {
@@ -125,7 +120,7 @@ VladIndex IndexOf(const std::filesystem::path& model, const std::vector<PosedIma
     for (const std::string& name : names) files.push_back({name, options.reference_images / name});
     return {std::move(names), {.vocabulary = {}, .of_references = Describe(files, options)}};
   }
-  auto vectors = PackedVectors(model, names);
+  auto vectors = map ? VectorsIn(*map, names) : std::nullopt;
   if (!vectors) {
     vectors =
         ComputeOrReadVladVectors(names, features, options.cache, options.seed, options.threads);
@@ -137,10 +132,10 @@ class FrontEndMatches final : public MatchSource {
  public:
   FrontEndMatches(const FrontEndOptions& options, const ReferenceSet& references,
                   const std::vector<Query>& queries)
-      : options_(options), model_(references.model), references_(references.images) {
+      : options_(options), map_(references.map), references_(references.images) {
     for (const PosedImage& image : references_) reference_names_.insert(image.name);
     features_ = ExtractOrReadFeatures(ImagesOf(options, references, queries),
-                                      CacheOf(options, model_), std::move(options_.features));
+                                      CacheOf(options, map_), std::move(options_.features));
     for (const Query& query : queries) {
       RequireSizeOf(query.camera, query.name, features_->SizeOf(query.name),
                     options_.query_images / query.name);
@@ -159,7 +154,7 @@ class FrontEndMatches final : public MatchSource {
   }
 
   QueryMatches MatchPhotograph(const Query& query, const Image& photograph) const override {
-    return MatchInMemory(query, &photograph, ExtractAsStored(photograph, CacheOf(options_, {})));
+    return MatchInMemory(query, &photograph, ExtractAsStored(photograph, CacheOf(options_)));
   }
 
   QueryMatches MatchFeatures(const Query& query, const Features& features) const override {
@@ -294,7 +289,7 @@ class FrontEndMatches final : public MatchSource {
   const std::shared_ptr<const VladIndex>& Index() const {
     std::call_once(index_is_made_, [this] {
       index_ = std::make_shared<const VladIndex>(
-          ReadOpened([this] { return IndexOf(model_, references_, *features_, options_); }));
+          ReadOpened([this] { return IndexOf(map_, references_, *features_, options_); }));
     });
     return index_;
   }
@@ -339,7 +334,7 @@ class FrontEndMatches final : public MatchSource {
   }
 
   FrontEndOptions options_;
-  std::filesystem::path model_;  // of the references
+  MapPointer map_;  // null: the references are of no packed map
   std::vector<PosedImage> references_;
   std::set<std::string> reference_names_;
   WarningSet warnings_;
@@ -355,18 +350,18 @@ class FrontEndMatches final : public MatchSource {
 RetrievedLists RetrieveByVlad(std::span<const Query> queries, const ReferenceSet& references,
                               const FrontEndOptions& options) {
   const auto features = ExtractOrReadFeatures(ImagesOf(options, references, queries),
-                                              CacheOf(options, references.model));
-  return RetrieveByVlad(IndexOf(references.model, references.images, *features, options),
+                                              CacheOf(options, references.map));
+  return RetrieveByVlad(IndexOf(references.map, references.images, *features, options),
                         NamesOf(queries), *features, options.top_k, options.threads);
 }
 
 FeatureCount PrepareFrontEnd(const FrontEndOptions& options, const ReferenceSet& references,
                              const std::vector<Query>& queries, const Shard& shard, bool for_vlad) {
-  const FeatureCacheOptions cache = CacheOf(options, references.model);
+  const FeatureCacheOptions cache = CacheOf(options, references.map);
   const FeatureCount count = PrepareFeatures(ImagesOf(options, references, queries), shard, cache);
   if (count.missing > 0 || !for_vlad) return count;
   const auto features = ExtractOrReadFeatures(ImagesOf(options, references, {}), cache);
-  IndexOf(references.model, references.images, *features, options);  // keeps its vectors
+  IndexOf(references.map, references.images, *features, options);  // keeps its vectors
   return count;
 }
 
