@@ -149,50 +149,49 @@ class FeatureGiver {
   std::shared_ptr<const FeatureStore> store_;  // or neither
 };
 
-// Returns what is to be kept of the scene's calibration, as JSON; empty where nothing is known.
-std::string CalibrationToKeep(const MapFlags& flags, const Scene& scene) {
-  auto calibration = scene.calibration;
-  if (!flags.scene_calibration.empty()) {
-    calibration = ReadSceneCalibration(flags.scene_calibration);
-    Calibrated(scene, calibration);  // refuses that of another scene
-  }
-  const auto& maps = scene.sources.front().geometry.maps;
-  if (maps != nullptr && maps->HasConfidences()) {
-    PrintWarnings({"confidences beside the depth are not kept"});
-  }
+// Returns what is kept of a scene's calibration, as JSON; empty where nothing is known.
+std::string ToKeep(const std::shared_ptr<const SceneCalibration>& calibration) {
   if (calibration == nullptr) return {};
   SceneCalibration kept = *calibration;
   kept.confidences.clear();
   return FormatSceneCalibration(kept);
 }
 
-// Adds the scene's references that the map lacks and returns how many these are.
-size_t Add(const MapFlags& flags, const Scene& scene, const ReferencesToPack& references,
-           const PackingHooks& hooks) {
-  const PackedMap former(flags.file);
-  const std::string keys = SamplingKeys(flags.geometry);
-  if (keys != former.header().depth_keys) {
-    throw InputError(flags.file,
-                     fmt::format("its depth is sampled by \"{}\", that to add by \"{}\"",
-                                 former.header().depth_keys, keys));
-  }
-  if (flags.scene_calibration.empty() && !former.ReadCalibration().empty()) {
-    PrintWarnings(
-        {"the map's calibration knows nothing of what is added: --scene-calibration gives "
-         "one that does"});
-    return AddToMap(flags.file, references, {}, hooks);
-  }
-  return AddToMap(flags.file, references, CalibrationToKeep(flags, scene), hooks);
+// Returns the calibration that is named; empty where none is.
+std::string NamedCalibration(const MapFlags& flags, const Scene& scene) {
+  if (flags.scene_calibration.empty()) return {};
+  const auto calibration = ReadSceneCalibration(flags.scene_calibration);
+  Calibrated(scene, calibration);  // refuses that of another scene
+  return ToKeep(calibration);
 }
 
-// The references to pack: of `add` those that the map lacks.
-std::vector<PosedImage> ToPack(const MapFlags& flags, std::vector<PosedImage> images) {
-  if (flags.action != MapAction::kAdd) return images;
+// Returns what the features are, as the map's header says it.
+std::string KindOfFeatures(const MapFlags& flags) {
+  if (const auto map = OpenPackedMap(flags.features)) return map->header().features;
+  return flags.features.empty() ? kRootSift : flags.features.filename().string();
+}
+
+// Refuses to add what the map would take for something else, and keeps of the images those that it
+// lacks.
+void PrepareToAdd(const MapFlags& flags, const Scene& scene, std::vector<PosedImage>& images) {
   const PackedMap former(flags.file);
+  const auto require_equal = [&](std::string_view what, const std::string& there,
+                                 const std::string& added) {
+    if (there == added) return;
+    throw InputError(flags.file, fmt::format("{} \"{}\", those to add \"{}\"", what, there, added));
+  };
+  require_equal("its depth is sampled by", former.header().depth_keys,
+                SamplingKeys(flags.geometry));
+  require_equal("its features are of", former.header().features, KindOfFeatures(flags));
+  if (flags.scene_calibration.empty() &&
+      (scene.calibration != nullptr || !former.ReadCalibration().empty())) {
+    PrintWarnings(
+        {"what is known of one part of the map is not known of the other: --scene-calibration "
+         "gives a calibration of all"});
+  }
   std::set<std::string> known;
   for (const PosedImage& image : former.references()) known.insert(image.name);
   std::erase_if(images, [&](const PosedImage& image) { return known.contains(image.name); });
-  return images;
 }
 
 void Pack(MapFlags flags) {
@@ -202,7 +201,11 @@ void Pack(MapFlags flags) {
       OpenScene(flags.references.Scene(flags.images, {flags.geometry}, flags.run.threads));
   PrintWarnings(scene.warnings);
   const NamedGeometry& geometry = scene.sources.front().geometry;
-  const std::vector<PosedImage> images = ToPack(flags, scene.references.images);
+  if (geometry.maps != nullptr && geometry.maps->HasConfidences()) {
+    PrintWarnings({"confidences beside the depth are not kept"});
+  }
+  std::vector<PosedImage> images = scene.references.images;
+  if (flags.action == MapAction::kAdd) PrepareToAdd(flags, scene, images);
   const FeatureGiver features(flags, images);
   const ReferencesToPack references{
       .images = images,
@@ -210,17 +213,14 @@ void Pack(MapFlags flags) {
       .features = [&features](const PosedImage& image) { return features.Of(image); }};
   Progress progress("references", images.size(), flags.run.Show());
   const PackingHooks hooks{flags.run.threads, [&progress] { progress.Advance(); }};
+  const std::string calibration = NamedCalibration(flags, scene);
   if (flags.action == MapAction::kAdd) {
-    Add(flags, scene, references, hooks);
+    AddToMap(flags.file, references, calibration, hooks);
   } else {
     MapOptions options = flags.options;
+    options.features = KindOfFeatures(flags);
     options.depth_keys = SamplingKeys(flags.geometry);
-    options.calibration = CalibrationToKeep(flags, scene);
-    if (IsPackedMap(flags.features)) {
-      options.features = PackedMap(flags.features).header().features;
-    } else if (!flags.features.empty()) {
-      options.features = flags.features.filename().string();
-    }
+    options.calibration = calibration.empty() ? ToKeep(scene.calibration) : calibration;
     PackMap(flags.file, references, options, hooks);
   }
   PrintWarnings(features.Warnings());
@@ -266,8 +266,8 @@ Command AddMapCommand(CLI::App& program) {
   const OptionGroup geometry(command, "Geometry");
   geometry.Add("--geometry", flags->geometry, GeometryHelp());
   geometry.Add("--scene-calibration", flags->scene_calibration,
-               "The file that calibrate or localize wrote, which is kept in the map (by\n"
-               "pack); without it each run against the map learns it anew");
+               "The file that calibrate or localize wrote, which is kept in the map;\n"
+               "without it each run against the map learns it anew");
   geometry.Add("--crs", flags->options.crs,
                "What the world's coordinates are, which is kept in the map (by pack)");
   AddRunOptions(command, flags->run);

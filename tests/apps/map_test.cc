@@ -65,6 +65,17 @@ TEST_F(Map, WhatIsKnownOfTheSceneIsKept) {
   EXPECT_TRUE(IsRight("map"));
   EXPECT_EQ(ReadFile(scene_.folder / "map/scene_calibration.json"),
             ReadFile(from_files / "scene_calibration.json"));
+  // A part of which more is known does not pass for the whole.
+  const fs::path half = scene_.folder / "half.raymap";
+  ASSERT_TRUE(
+      Succeeds(RunRaylift({"map", "pack", half, "--model", scene_.model(), "--images",
+                           scene_.images(), "--geometry", Depth(), "--every", "2", "--quiet"})));
+  const CommandResult added = RunRaylift({"map", "add", half, "--scene", map_, "--quiet"});
+  EXPECT_EQ(added.exit_code, 0);
+  EXPECT_NE(added.err.find("--scene-calibration"), std::string::npos) << added.err;
+  EXPECT_EQ(Lines(RunRaylift({"map", "list", half}).out).size(), scene_.references.size());
+  EXPECT_NE(ReadFile(map_).find("calibration.json"), std::string::npos);
+  EXPECT_EQ(ReadFile(half).find("calibration.json"), std::string::npos);
   EXPECT_TRUE(
       FailsWith(2, {"--align-depth", "packed map"},
                 RunRaylift(Localize("align", {"--scene", map_, "--align-depth", "scale"}))));
@@ -89,6 +100,9 @@ TEST_F(Map, WhatDoesNotFitIsRefused) {
                   "2", "--quiet", "--features", scene_.folder / "cache/features.h5"})));
   EXPECT_TRUE(FailsWith(3, {"part.raymap", "features.h5", "RootSIFT"},
                         RunRaylift(Localize("other", {"--scene", part}))));
+  EXPECT_TRUE(FailsWith(3, {"part.raymap", "features.h5", "rootsift"},
+                        RunRaylift({"map", "add", part, "--model", scene_.model(), "--images",
+                                    scene_.images(), "--geometry", Depth(), "--quiet"})));
 }
 
 TEST_F(Map, GrowsAndShrinksToTheSameBytes) {
