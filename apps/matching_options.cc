@@ -72,6 +72,12 @@ bool RetrievalFlags::Any() const {
          !prior_poses.empty() || !view_range.empty();
 }
 
+void RetrievalFlags::CheckAngle() const {
+  if (max_angle_deg > 0 && max_angle_deg <= 180) return;
+  throw OptionError("--max-angle-deg", FormatDouble(max_angle_deg),
+                    "must be above 0 and at most 180");
+}
+
 RetrievalOptions RetrievalFlags::Resolve(const std::vector<std::string>& geometry,
                                          Queries queries) const {
   RetrievalOptions options;
@@ -100,10 +106,7 @@ RetrievalOptions RetrievalFlags::Resolve(const std::vector<std::string>& geometr
       std::none_of(geometry.begin(), geometry.end(), IsMeshSpec)) {
     throw OptionError("--retrieval overlap needs --geometry mesh:PATH or dsm:FILE");
   }
-  if (!(max_angle_deg > 0 && max_angle_deg <= 180)) {
-    throw OptionError("--max-angle-deg", FormatDouble(max_angle_deg),
-                      "must be above 0 and at most 180");
-  }
+  CheckAngle();
   options.max_angle_deg = max_angle_deg;
   if (!view_range.empty()) {
     if (view_range.size() != 2 || !(view_range[0] > 0) || !(view_range[1] > view_range[0])) {

@@ -43,8 +43,10 @@ struct RetrievalFlags {
   double max_angle_deg = 30;
   std::vector<double> view_range;
 
-  // Any of the options is given.
+  // Any of the options is given, but for the angle, which has a default.
   bool Any() const;
+  // Throws OptionError.
+  void CheckAngle() const;
   // Whose poses queries have.
   enum class Queries { kOwn, kReferences };
   // What can be told without reading anything: all but poses, mesh and model. `geometry` are the

@@ -48,13 +48,6 @@ LocalizerOptions TakeLocalizerOptions(Keywords& keywords) {
   return options;
 }
 
-// Of an option that says nothing without a method of retrieval, but may be wrong.
-void RequireAngle(double max_angle_deg) {
-  if (max_angle_deg > 0 && max_angle_deg <= 180) return;
-  throw OptionError("max_angle_deg", FormatDouble(max_angle_deg),
-                    "must be above 0 and at most 180");
-}
-
 // How references are retrieved, where that is said. Without prior poses, what needs them is of
 // leave_one_out(), where the references' own are taken. A descriptor of the caller's own goes to
 // `own`.
@@ -84,7 +77,7 @@ std::optional<RetrievalOptions> TakeRetrieval(Keywords& keywords, const Scene& s
     flags.prior_poses = ToPath(prior_poses.cast<PathLike>(), "prior_poses");
   }
   if (!flags.Any()) {
-    RequireAngle(flags.max_angle_deg);
+    flags.CheckAngle();
     return std::nullopt;
   }
   if (own.retrieval) {

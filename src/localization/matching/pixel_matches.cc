@@ -14,19 +14,6 @@ bool Shows(PlaneSize size, const Eigen::Vector2d& pixel) {
          pixel.y() >= -kRoundingPx && pixel.y() <= size.height_px + kRoundingPx;
 }
 
-void InsideCount::RequireMostInside(const Query& query, const std::string& reference,
-                                    const Camera& reference_camera,
-                                    const std::filesystem::path& source) const {
-  // A matcher may see things in the margin that it put round an image, but not everything.
-  if (outside <= inside) return;
-  throw InputError(source,
-                   fmt::format("{} of {} matches lie outside of {} ({} x {}) or {} ({} x {}): are "
-                               "their pixels those of resized images?",
-                               outside, outside + inside, query.name, query.camera.width_px(),
-                               query.camera.height_px(), reference, reference_camera.width_px(),
-                               reference_camera.height_px()));
-}
-
 InsideMatches QueryPixels::Inside(const PixelMatches& given, const std::string& reference,
                                   const Camera& reference_camera,
                                   const std::filesystem::path& source) const {
@@ -46,8 +33,16 @@ InsideMatches QueryPixels::Inside(const PixelMatches& given, const std::string& 
     result.matches.query_px.push_back(query_px);
     result.matches.reference_px.push_back(reference_px);
   }
-  InsideCount{result.matches.query_px.size(), result.outside}.RequireMostInside(
-      query_, reference, reference_camera, source);
+  // A matcher may see things in the margin that it put round an image, but not everything.
+  const size_t inside = result.matches.query_px.size();
+  if (result.outside > inside) {
+    throw InputError(
+        source, fmt::format("{} of {} matches lie outside of {} ({} x {}) or {} ({} x {}): are "
+                            "their pixels those of resized images?",
+                            result.outside, result.outside + inside, query_.name,
+                            query_size.width_px, query_size.height_px, reference,
+                            reference_size.width_px, reference_size.height_px));
+  }
   return result;
 }
 

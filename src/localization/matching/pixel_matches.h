@@ -16,16 +16,6 @@ namespace raylift {
 // Whether an image of this size has the pixel, or one that rounding moved out of it.
 bool Shows(PlaneSize size, const Eigen::Vector2d& pixel);
 
-// Of a query's matches with a reference.
-struct InsideCount {
-  size_t inside = 0;  // of both images
-  size_t outside = 0;
-
-  // Throws InputError that names `source` where most lie outside, as those of resized images do.
-  void RequireMostInside(const Query& query, const std::string& reference,
-                         const Camera& reference_camera, const std::filesystem::path& source) const;
-};
-
 struct InsideMatches {
   PixelMatches matches;  // pixels are COLMAP's
   size_t outside = 0;
@@ -35,8 +25,8 @@ class QueryPixels {
  public:
   QueryPixels(const Query& query, const MatchReading& reading) : query_(query), reading_(reading) {}
 
-  // Returns the matches whose score is high enough and which lie inside of both images, which most
-  // must, see InsideCount.
+  // Returns the matches whose score is high enough and which lie inside of both images. Throws
+  // InputError that names `source` where most lie outside, as those of resized images do.
   InsideMatches Inside(const PixelMatches& given, const std::string& reference,
                        const Camera& reference_camera, const std::filesystem::path& source) const;
 
