@@ -89,7 +89,7 @@ Features RandomFeatures(Rng& rng, int count, bool of_colmap) {
     features.scores.push_back(static_cast<float>(rng.Uniform(0, 1)));
   }
   for (float& value : features.descriptors.reshaped()) {
-    value = of_colmap ? static_cast<float>(rng.UniformIndex(256)) / 512
+    value = of_colmap ? static_cast<float>(rng.UniformIndex(200)) / 512
                       : static_cast<float>(rng.Normal());
   }
   return AsStored(std::move(features), !of_colmap);
