@@ -1,9 +1,12 @@
 // What rays are cast at, meshes, clouds and splats of files or in memory, and rays of arrays.
 
+#include <array>
+#include <cmath>
 #include <limits>
 
 #include "apps/python/geometry_source.h"
 #include "io/text/line_tokens.h"
+#include "renderers/space_order.h"
 
 #include "raylift/base/parallel.h"
 #include "raylift/renderers/ray_caster.h"
@@ -119,6 +122,14 @@ class GivenRays {
 
   size_t size() const { return along_.size(); }
   Ray operator[](size_t i) const { return {from_[from_.size() == 1 ? 0 : i], along_[i], t_near_}; }
+  const Rows<3>& directions() const { return along_; }
+
+  bool StartAtOnePoint() const {
+    for (size_t i = 1; i < from_.size(); ++i) {
+      if (from_[i] != from_[0]) return false;
+    }
+    return true;
+  }
 
  private:
   Rows<3> from_, along_;
@@ -217,16 +228,15 @@ void CastTogether(const RayCaster& caster, std::span<const Ray> rays,
 }
 
 // RayCaster::Cast(), with coherent rays in packets.
-std::vector<std::optional<RayHit>> CastGiven(const RayCaster& caster, std::span<const Ray> rays) {
-  const bool has_packets = caster.kind() == SurfaceKind::kMesh && rays.front().ray_t_near == 0;
+std::vector<std::optional<RayHit>> CastInPackets(const RayCaster& caster,
+                                                 std::span<const Ray> rays) {
   std::vector<std::optional<RayHit>> hits;
   hits.reserve(rays.size());
   const auto cast_until = [&](size_t end) {
     const auto found = caster.Cast(rays.subspan(hits.size(), end - hits.size()));
     hits.insert(hits.end(), found.begin(), found.end());
   };
-  for (size_t begin = 0; has_packets && begin + RayBlock::kSize <= rays.size();
-       begin += RayBlock::kSize) {
+  for (size_t begin = 0; begin + RayBlock::kSize <= rays.size(); begin += RayBlock::kSize) {
     const auto some = rays.subspan(begin, RayBlock::kSize);
     if (!AreCoherent(some)) continue;
     cast_until(begin);
@@ -236,17 +246,48 @@ std::vector<std::optional<RayHit>> CastGiven(const RayCaster& caster, std::span<
   return hits;
 }
 
+// Whether most rays run close together with those beside them, by a sample.
+bool RunTogether(const GivenRays& rays) {
+  constexpr size_t kStep = 16 * RayBlock::kSize;
+  size_t together = 0;
+  size_t apart = 0;
+  for (size_t begin = 0; begin + RayBlock::kSize <= rays.size(); begin += kStep) {
+    std::array<Ray, RayBlock::kSize> some;
+    for (size_t i = 0; i < some.size(); ++i) some[i] = rays[begin + i];
+    (AreCoherent(some) ? together : apart) += 1;
+  }
+  return together >= apart;
+}
+
+// Returns the order in which rays from one point run close together with those beside them; empty
+// if they do as they are given, or start at several points.
+std::vector<uint32_t> OrderOf(const GivenRays& rays) {
+  if (!rays.StartAtOnePoint() || RunTogether(rays)) return {};
+  std::vector<Eigen::Vector3f> directions(rays.size(), Eigen::Vector3f::Zero());
+  for (size_t i = 0; i < rays.size(); ++i) {
+    const Eigen::Vector3d along = rays.directions()[i];
+    const double length = along.norm();
+    if (length > 0 && std::isfinite(length)) directions[i] = (along / length).cast<float>();
+  }
+  return OrderInSpace(directions);
+}
+
 py::dict CastRays(const Caster& caster, const ArrayLike& origins, const ArrayLike& directions,
                   double t_near, int threads) {
   const GivenRays given(origins, directions, t_near);
   HitArrays hits(static_cast<py::ssize_t>(given.size()));
+  // Packets are for meshes, and start where their rays do.
+  const bool has_packets = caster.caster->kind() == SurfaceKind::kMesh && t_near == 0;
   WithoutLock([&] {
+    const std::vector<uint32_t> order = has_packets ? OrderOf(given) : std::vector<uint32_t>();
+    const auto place = [&](size_t i) { return order.empty() ? i : order[i]; };
     ForRays(given.size(), threads, [&](size_t begin, size_t end) {
       std::vector<Ray> rays;
       rays.reserve(end - begin);
-      for (size_t i = begin; i < end; ++i) rays.push_back(given[i]);
-      const auto found = CastGiven(*caster.caster, rays);
-      for (size_t i = begin; i < end; ++i) hits.Set(i, rays[i - begin], found[i - begin]);
+      for (size_t i = begin; i < end; ++i) rays.push_back(given[place(i)]);
+      const auto found =
+          has_packets ? CastInPackets(*caster.caster, rays) : caster.caster->Cast(rays);
+      for (size_t i = begin; i < end; ++i) hits.Set(place(i), rays[i - begin], found[i - begin]);
     });
   });
   return hits.ToDict();

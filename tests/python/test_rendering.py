@@ -254,12 +254,19 @@ def test_rays_of_a_picture_hit_as_single_ones_do() -> None:
     pixels = np.stack(np.meshgrid(np.arange(320) * 2 + 0.5, np.arange(60) * 8 + 0.5), axis=-1).reshape(-1, 2)
     directions = view.camera.rays(pixels) @ view.cam_from_world.rotation
     origin = view.cam_from_world.center[None]
-    together = scene.mesh.cast(origin, directions)
+    directions[7] = np.nan
+    single = scene.mesh.cast(origin, directions, t_near=1e-9)
     order = np.random.default_rng(0).permutation(len(pixels))  # neighbors do not run together
-    single = scene.mesh.cast(origin, directions[order])
-    same = together["triangles"][order] == single["triangles"]
-    assert same.mean() > 0.999 and (together["triangles"] >= 0).mean() > 0.9
-    assert together["ray_t"][order][same] == pytest.approx(single["ray_t"][same], rel=1e-9, nan_ok=True)
+    shuffled = scene.mesh.cast(origin, directions[order])
+    for hits, expected in ((scene.mesh.cast(origin, directions), single),
+                           (shuffled, {name: values[order] for name, values in single.items()})):
+        same = hits["triangles"] == expected["triangles"]
+        assert same.mean() > 0.999 and (hits["triangles"] >= 0).mean() > 0.9
+        for name in "ray_t", "points":
+            assert hits[name][same] == pytest.approx(expected[name][same], rel=1e-9, nan_ok=True)
+    for threads in 1, 3:
+        again = scene.mesh.cast(np.tile(origin, (len(order), 1)), directions[order], threads=threads)
+        assert all(np.array_equal(again[name], values, equal_nan=True) for name, values in shuffled.items())
 
 
 @pytest.mark.parametrize("length", [1e-24, 1e-6, 1e6, 1e20])

@@ -1,0 +1,15 @@
+// An order of points in which neighbors in space are close to each other.
+
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include <Eigen/Core>
+
+namespace raylift {
+
+// Returns the points' indices along Morton's curve through a grid over all of them.
+std::vector<uint32_t> OrderInSpace(const std::vector<Eigen::Vector3f>& points);
+
+}  // namespace raylift
