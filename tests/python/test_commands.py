@@ -338,6 +338,11 @@ def test_references_are_retrieved(tmp_path: Path) -> None:
     assert set(found) <= set(names) and all(0 < len(one) <= 3 and set(one) <= set(names) for one in found.values())
 
 
+def test_a_report_that_there_is_not(tmp_path: Path) -> None:
+    with pytest.raises(raylift.InputError, match="index.html: there is no such page"):
+        raylift.Report(tmp_path / "index.html")
+
+
 def test_a_command_that_there_is_not() -> None:
     with pytest.raises(raylift.OptionError, match="not expected: localise; did you mean localize"):
         raylift.run("localise", model="x")

@@ -13,6 +13,8 @@ from typing import Iterator
 
 import pytest
 
+import raylift
+from scenes import DEMO
 from served import CRS, QUERIES, Server, cached, photograph
 
 CHROMIUM = shutil.which("chromium") or ""
@@ -102,3 +104,20 @@ def test_a_photograph_is_seen_with_the_mesh_from_its_pose(page: str, tmp_path: P
     picture = tmp_path / f"{scheme}_{width}.png"
     look(page, width, *dark, f"--screenshot={picture}")
     assert picture.stat().st_size > 20000
+
+
+def test_a_notebook_shows_a_report(tmp_path: Path) -> None:
+    """As a notebook does: what _repr_html_ returns stands in its page."""
+    raylift.doctor(DEMO / "model", f"mesh:{DEMO / 'scene.obj'}", images=DEMO / "images", max_features=200,
+                   report=tmp_path / "report")
+    report = raylift.Report(tmp_path / "report")
+    assert repr(report) == f"<raylift.Report {tmp_path / 'report/index.html'}>"
+    tell = """<script>
+document.querySelector("iframe").addEventListener("load", (event) => {
+  const shown = event.target.contentDocument;
+  document.title = [shown.documentElement.dataset.ready, shown.querySelectorAll("section").length].join(" ");
+});
+</script>"""
+    (tmp_path / "notebook.html").write_text(report._repr_html_() + tell, encoding="utf-8")
+    dom = look((tmp_path / "notebook.html").as_uri(), 1280, "--dump-dom")
+    assert re.search(r"<title>\w+ [1-9]\d*</title>", dom), re.search("<title>.*</title>", dom)

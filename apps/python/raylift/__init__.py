@@ -10,6 +10,7 @@ and Ctrl-C ends them.
 from . import hloc, onnx
 from ._client import Client
 from ._commands import (
+    Report,
     color,
     colour,
     compare,
@@ -83,6 +84,7 @@ __all__ = [
     "PosedImage",
     "Query",
     "RayCaster",
+    "Report",
     "Rigid3",
     "Scene",
     "SfmPoints",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import html
 import json
 import os
 import tempfile
@@ -239,6 +240,26 @@ def retrieve(out: PathLike, **options: Unpack[RetrieveOptions]) -> Dict[str, Lis
         query, reference = line.split(", ") if ", " in line else line.split()  # of names with blanks
         found.setdefault(query, []).append(reference)
     return found
+
+
+class Report:
+    """A page that the option report=DIR made; a notebook shows it where it is a cell's value.
+
+    path: DIR, or its index.html, which holds all that it shows.
+    """
+
+    def __init__(self, path: PathLike) -> None:
+        given = Path(path)
+        self.path = given / "index.html" if given.is_dir() else given
+        if not self.path.is_file():
+            raise _core.InputError(f"{self.path}: there is no such page")
+
+    def __repr__(self) -> str:
+        return f"<raylift.Report {self.path}>"
+
+    def _repr_html_(self) -> str:
+        page = html.escape(self.path.read_text(encoding="utf-8"))
+        return f'<iframe srcdoc="{page}" style="width: 100%; height: 85vh; border: 0"></iframe>'
 
 
 def main() -> int:
