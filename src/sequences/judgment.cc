@@ -71,7 +71,7 @@ class Witnesses {
 // The walks that frames would make besides by their other poses, moving as the smoothed walk does:
 // chains of poses, each of which is tied to one of the last frames. Such walks may drift, and a pose
 // of no certain place is of any: rather too many poses are of one.
-class RivalWalks {
+class OtherWalks {
  public:
   // Takes the other poses of a frame, of which `agreeing` agrees with the walk.
   void Add(const std::vector<SinglePose>& singles, size_t agreeing, const SmoothedFrame& smoothed) {
@@ -132,15 +132,15 @@ class RivalWalks {
 
 // The formula of JudgeWalk().
 double ProbabilityOfAgreeing(const Witnesses& agreeing, const Witnesses& differing,
-                             const RivalWalks& rivals) {
+                             const OtherWalks& others) {
   const double all_agreeing = agreeing.LogAllWrong();
   if (all_agreeing == 0) return 0;
   const double none_agreeing = agreeing.LogSurestWrong();
   const double share = none_agreeing / all_agreeing;
-  double of_rivals = 1;
-  for (const double log_wrong : rivals.LogAllWrong()) of_rivals += std::expm1(-share * log_wrong);
+  double of_others = 1;
+  for (const double log_wrong : others.LogAllWrong()) of_others += std::expm1(-share * log_wrong);
   const double some_agreeing = -std::expm1(none_agreeing);
-  const double against = std::exp(none_agreeing - share * differing.LogAllWrong()) * of_rivals;
+  const double against = std::exp(none_agreeing - share * differing.LogAllWrong()) * of_others;
   return some_agreeing / (some_agreeing + against);
 }
 
@@ -184,7 +184,7 @@ void JudgeWalk(std::span<const WalkEvidence> frames, SmoothedWalk& walk) {
   for (size_t begin = 0, end = 0; begin < smoothed.size(); begin = end) {
     end = EndOfRun(smoothed, begin);
     Witnesses agreeing, differing;
-    RivalWalks rivals;
+    OtherWalks others;
     std::optional<size_t> first, last;
     for (size_t i = begin; i < end; ++i) {
       if (frames[i].singles.empty()) continue;
@@ -196,11 +196,11 @@ void JudgeWalk(std::span<const WalkEvidence> frames, SmoothedWalk& walk) {
         continue;
       }
       agreeing.Add(singles[smoothed[i].single], smoothed[i].cam_from_world);
-      rivals.Add(singles, smoothed[i].single, smoothed[i]);
+      others.Add(singles, smoothed[i].single, smoothed[i]);
       if (!first) first = i;
       last = i;
     }
-    const double probability = ProbabilityOfAgreeing(agreeing, differing, rivals);
+    const double probability = ProbabilityOfAgreeing(agreeing, differing, others);
     for (size_t i = begin; i < end && first; ++i) {
       const size_t beyond = i < *first ? *first - i : (i > *last ? i - *last : 0);
       smoothed[i].confidence = probability * std::pow(kept, beyond);

@@ -220,8 +220,8 @@ TEST(SmoothWalk, TwoWalksThatFitAsWellAreDoubtful) {
 
 // What else frames say makes a walk doubtful where it is one other walk, or several, and hardly where
 // it is elsewhere each time; also where the frames' covariances are too small.
-TEST(SmoothWalk, OnlyPosesThatAgreeMakeARivalWalk) {
-  const auto confidence_of = [](int rivals, bool agree, double too_small) {
+TEST(SmoothWalk, OnlyPosesThatAgreeMakeAnotherWalk) {
+  const auto confidence_of = [](int others, bool agree, double too_small) {
     Rng rng = TestRng();
     MadeWalk made = MakeWalk(rng, {});
     for (size_t i = 0; i < made.frames.size(); ++i) {
@@ -229,7 +229,7 @@ TEST(SmoothWalk, OnlyPosesThatAgreeMakeARivalWalk) {
       singles.front().covariance /= too_small * too_small;
       singles.front().confidence = 0.8;
       if (i % 20 == 10) continue;
-      for (int k = 1; k <= rivals; ++k) {
+      for (int k = 1; k <= others; ++k) {
         const Rigid3 moved_from_world{Eigen::Quaterniond::Identity(), Vector3d(2.5 * k, 0, 0)};
         const Rigid3 place =
             agree ? made.truth[i] * moved_from_world
@@ -237,7 +237,7 @@ TEST(SmoothWalk, OnlyPosesThatAgreeMakeARivalWalk) {
         singles.push_back(singles.front());
         singles.back().cam_from_world = Moved(place, Noise(rng, 0.2, 0.02));
       }
-      for (SinglePose& single : singles) single.confidence = 1.0 / (1 + rivals);
+      for (SinglePose& single : singles) single.confidence = 1.0 / (1 + others);
     }
     const SmoothedWalk walk = SmoothWalk(made.frames, OdometryScale::kKnown);
     double sum = 0;

@@ -42,22 +42,24 @@ double MedianLearnedSigma(const PoseProblem& original, const NormalizedProblem& 
 }
 
 // A pose that may be right in place of the assessed one, against which it has these odds.
-struct Rival {
+struct Alternative {
   CamFromLocal pose;
   InlierEvidence evidence;
   double odds = 0;
 };
 
 // Returns the likeliest first; of poses that are one answer, or at one place, only that one.
-std::vector<Rival> EachOnce(const InlierAssessor& assessor, std::vector<Rival> rivals) {
-  std::stable_sort(rivals.begin(), rivals.end(),
-                   [](const Rival& a, const Rival& b) { return a.odds > b.odds; });
-  std::vector<Rival> kept;
-  for (Rival& rival : rivals) {
-    const bool is_other = std::all_of(kept.begin(), kept.end(), [&](const Rival& other) {
-      return AreApart(other.pose, rival.pose) && assessor.Compare(other.evidence, rival.evidence);
+std::vector<Alternative> EachOnce(const InlierAssessor& assessor,
+                                  std::vector<Alternative> alternatives) {
+  std::stable_sort(alternatives.begin(), alternatives.end(),
+                   [](const Alternative& a, const Alternative& b) { return a.odds > b.odds; });
+  std::vector<Alternative> kept;
+  for (Alternative& alternative : alternatives) {
+    const bool is_other = std::all_of(kept.begin(), kept.end(), [&](const Alternative& other) {
+      return AreApart(other.pose, alternative.pose) &&
+             assessor.Compare(other.evidence, alternative.evidence);
     });
-    if (is_other) kept.push_back(std::move(rival));
+    if (is_other) kept.push_back(std::move(alternative));
   }
   return kept;
 }
@@ -84,32 +86,32 @@ void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& norma
                           std::min(confidence, kLeastConfidence));
   }
 
-  std::vector<CamFromLocal> alternatives = assessed.alternatives;
+  std::vector<CamFromLocal> poses = assessed.alternatives;
   if (options.refinement == Refinement::kRobust && evidence.LeavesRoomForAnAlternative()) {
     const auto found =
         FindAlternative(problem, normalized, evidence.inlier, assessed.scored, options);
-    if (found) alternatives.push_back(normalized.ToLocal(*found));
+    if (found) poses.push_back(normalized.ToLocal(*found));
   }
-  std::vector<Rival> rivals;
+  std::vector<Alternative> alternatives;
   double least = 1;
-  for (const CamFromLocal& pose : alternatives) {
-    const InlierEvidence alternative = assessor.Assess(pose);
-    const std::optional<ExclusiveInliers> exclusive = assessor.Compare(evidence, alternative);
+  for (const CamFromLocal& pose : poses) {
+    const InlierEvidence other = assessor.Assess(pose);
+    const std::optional<ExclusiveInliers> exclusive = assessor.Compare(evidence, other);
     if (!exclusive) continue;
     const double log_odds = log_prior - normalized.priors.LogEvidence(pose);
-    const double probability = ProbabilityOverAlternative(
-        *exclusive, std::max(evidence.clustering, alternative.clustering),
-        assessor.IsBeyondChance(alternative, *exclusive), log_odds);
+    const double probability =
+        ProbabilityOverAlternative(*exclusive, std::max(evidence.clustering, other.clustering),
+                                   assessor.IsBeyondChance(other, *exclusive), log_odds);
     constexpr double kLeast = 1e-6;
     least = std::min(least, probability);
-    rivals.push_back({pose, alternative, (1 - probability) / std::max(probability, kLeast)});
+    alternatives.push_back({pose, other, (1 - probability) / std::max(probability, kLeast)});
   }
-  rivals = EachOnce(assessor, std::move(rivals));
-  // The probability of the pose and its rivals, over the pose's.
+  alternatives = EachOnce(assessor, std::move(alternatives));
+  // The probability of the pose and its alternatives, over the pose's.
   double all = 1;
-  for (const Rival& rival : rivals) all += rival.odds;
-  // Several weak rivals leave a pose.
-  const double over_rivals = std::max(1 / all, std::min(least, kLeastConfidence));
+  for (const Alternative& alternative : alternatives) all += alternative.odds;
+  // Several weak alternatives leave a pose.
+  const double over_alternatives = std::max(1 / all, std::min(least, kLeastConfidence));
   // Inliers on less are one witness.
   if (assessor.Spread(evidence) < kOnePlace) confidence = std::min(confidence, 0.5);
 
@@ -138,13 +140,13 @@ void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& norma
   Conclude(confidence, of_position, estimate);
   // Pose k is right with odds_k / all of what all else leaves.
   estimate.alternatives.clear();
-  if (over_rivals < kLocalizedConfidence) {
-    for (const Rival& rival : rivals) {
+  if (over_alternatives < kLocalizedConfidence) {
+    for (const Alternative& alternative : alternatives) {
       estimate.alternatives.push_back(
-          {normalized.ToWorld(rival.pose), estimate.confidence * rival.odds / all});
+          {normalized.ToWorld(alternative.pose), estimate.confidence * alternative.odds / all});
     }
   }
-  Conclude(std::min(confidence, over_rivals), of_position, estimate);
+  Conclude(std::min(confidence, over_alternatives), of_position, estimate);
 }
 
 void SortByProbability(std::vector<AlternativePose>& alternatives) {
