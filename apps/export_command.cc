@@ -117,6 +117,14 @@ std::string NameIn(NameForm form, const std::string& name) {
   return folder == std::string::npos ? name : name.substr(folder + 1);
 }
 
+// That of the world itself where it is on a map, else the zone of the position.
+Crs UtmZoneOf(const WorldFrame& world, const EarthFrame& earth, const Eigen::Vector3d& position) {
+  if (world.crs.kind() == CrsKind::kProjected) return world.crs;
+  const Eigen::Vector3d at = earth.At(position).geographic;
+  const int zone = std::clamp(static_cast<int>(std::floor((at.x() + 180) / 6)) + 1, 1, 60);
+  return Crs(fmt::format("EPSG:{}", (at.y() < 0 ? 32700 : 32600) + zone));
+}
+
 class Export {
  public:
   explicit Export(const ExportFlags& flags) : flags_(flags), run_(ReadFinishedRun(flags.run)) {
@@ -192,22 +200,16 @@ class Export {
       WriteGeoPoses(flags_.out, earth, run_.queries,
                     flags_.angles ? GeoPoseForm::kYawPitchRoll : GeoPoseForm::kQuaternion);
     } else {
-      const Crs target = flags_.to_crs ? *flags_.to_crs : UtmZoneOf(earth);
+      const Crs target =
+          flags_.to_crs ? *flags_.to_crs
+                        : UtmZoneOf(*run_.world, earth,
+                                    run_.queries.front().estimate.cam_from_world->OriginInSource());
       WriteMapPoses(flags_.out, earth, target, run_.queries);
       note_ = fmt::format(" in {} ({})", target.definition(), target.name());
     }
     if (const auto warning = earth.Warning()) PrintWarning(*warning);
     const auto of_heights = earth.HeightsWarning();
     if (of_heights && flags_.format != ExportFormat::kUtm) PrintWarning(*of_heights);
-  }
-
-  // That of the world itself where it is on a map, else the zone of the first position.
-  Crs UtmZoneOf(const EarthFrame& earth) const {
-    if (run_.world->crs.kind() == CrsKind::kProjected) return run_.world->crs;
-    const Eigen::Vector3d at =
-        earth.At(run_.queries.front().estimate.cam_from_world->OriginInSource()).geographic;
-    const int zone = std::clamp(static_cast<int>(std::floor((at.x() + 180) / 6)) + 1, 1, 60);
-    return Crs(fmt::format("EPSG:{}", (at.y() < 0 ? 32700 : 32600) + zone));
   }
 
   void WriteModel() {

@@ -58,6 +58,36 @@ struct MotionModel {
   Residual by_map, by_truth;
 };
 
+std::vector<Parameters> Grid(size_t dimensions) {
+  std::vector<Parameters> grid;
+  constexpr std::array<double, 7> kAlong = {0, -4, 4, -8, 8, -16, 16};
+  for (const double x : kAlong) {
+    for (const double y : kAlong) {
+      Parameters parameters(dimensions, 0.0);
+      parameters[0] = x;
+      if (dimensions > 1) parameters[1] = y;
+      if (dimensions > 1 || y == 0) grid.push_back(std::move(parameters));
+    }
+  }
+  return grid;
+}
+
+// cam_from_map_camera where the map's camera stood between two frames.
+std::optional<Rigid3> AtTime(const ExplainedView& view, double frames) {
+  if (std::abs(frames) > kMaxFrames) return std::nullopt;
+  const auto below = std::min(static_cast<int>(std::floor(frames)), kMaxFrames - 1);
+  const auto& poses = view.frames_from_cam;
+  const int place = below + kMaxFrames;
+  const auto& a = poses[static_cast<size_t>(place)];
+  const auto& b = poses[static_cast<size_t>(place) + 1];
+  const double t = frames - below;
+  if (t == 0) return a ? std::optional(a->Inverse()) : std::nullopt;
+  if (!a || !b) return std::nullopt;
+  const Vector3d center = (1 - t) * a->OriginInSource() + t * b->OriginInSource();
+  const Eigen::Quaterniond rotation = a->rotation.slerp(t, b->rotation);
+  return Rigid3{rotation.conjugate(), center};
+}
+
 class MotionFitter {
  public:
   MotionFitter(std::span<const ExplainedView> views, std::span<const CauseSample> training)
@@ -146,7 +176,8 @@ class MotionFitter {
     std::vector<Parameters> starts;
     for (int k = -2 * kMaxFrames; k <= 2 * kMaxFrames; ++k) starts.push_back({0.5 * k});
     const auto model = [this](const Parameters& frames) {
-      return RigidMotion([this, offset = frames[0]](size_t view) { return AtTime(view, offset); });
+      return RigidMotion(
+          [this, offset = frames[0]](size_t view) { return AtTime(views_[view], offset); });
     };
     const Parameters found = FindLeast(starts, 0.25, 1.0 / 64, [&](const Parameters& parameters) {
       return is_seen_from_anywhere_ ? MeanError(model(parameters).by_truth, polishing_)
@@ -155,7 +186,7 @@ class MotionFitter {
     // How far it moves what is seen, as the others are judged.
     std::vector<double> moves_px;
     for (size_t view = 0; view < views_.size(); ++view) {
-      const auto motion = AtTime(view, found[0]);
+      const auto motion = AtTime(views_[view], found[0]);
       if (!motion) continue;
       const Vector3d ahead(0, 0, median_depth_);
       const Vector3d moved = *motion * ahead;
@@ -194,20 +225,6 @@ class MotionFitter {
     return CauseFit{cause, found, largest_px / kLeastMovePx, Best(model(found))};
   }
 
-  static std::vector<Parameters> Grid(size_t dimensions) {
-    std::vector<Parameters> grid;
-    constexpr std::array<double, 7> kAlong = {0, -4, 4, -8, 8, -16, 16};
-    for (const double x : kAlong) {
-      for (const double y : kAlong) {
-        Parameters parameters(dimensions, 0.0);
-        parameters[0] = x;
-        if (dimensions > 1) parameters[1] = y;
-        if (dimensions > 1 || y == 0) grid.push_back(std::move(parameters));
-      }
-    }
-    return grid;
-  }
-
   Residual Best(const MotionModel& model) const {
     return is_seen_from_anywhere_ ? model.by_truth : model.by_map;
   }
@@ -243,22 +260,6 @@ class MotionFitter {
               return LogRatio(sample.estimated,
                               views_[sample.view].truth_from(*motion, sample.pixel));
             }};
-  }
-
-  // cam_from_map_camera where the map's camera stood between two frames.
-  std::optional<Rigid3> AtTime(size_t view, double frames) const {
-    if (std::abs(frames) > kMaxFrames) return std::nullopt;
-    const auto below = std::min(static_cast<int>(std::floor(frames)), kMaxFrames - 1);
-    const auto& poses = views_[view].frames_from_cam;
-    const int place = below + kMaxFrames;
-    const auto& a = poses[static_cast<size_t>(place)];
-    const auto& b = poses[static_cast<size_t>(place) + 1];
-    const double t = frames - below;
-    if (t == 0) return a ? std::optional(a->Inverse()) : std::nullopt;
-    if (!a || !b) return std::nullopt;
-    const Vector3d center = (1 - t) * a->OriginInSource() + t * b->OriginInSource();
-    const Eigen::Quaterniond rotation = a->rotation.slerp(t, b->rotation);
-    return Rigid3{rotation.conjugate(), center};
   }
 
   std::span<const ExplainedView> views_;

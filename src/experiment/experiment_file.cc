@@ -211,6 +211,45 @@ constexpr std::string_view kEstimatorKeys[] = {"refinement",           "reprojec
                                                "sampson_threshold_px", "min_iterations",
                                                "max_iterations",       "confidence"};
 
+// Takes what a scene file says; returns its thresholds.
+std::string TakeSceneFile(const path& file, ExperimentScene& scene) {
+  scene.file = file;
+  scene.file_is_missing = !Exists(file);
+  if (scene.file_is_missing) return {};
+  const SceneFile read = ReadSceneFile(file);
+  scene.model = read.references;
+  scene.images = read.images;
+  scene.queries = read.queries;
+  scene.query_images = read.query_images;
+  scene.ground_truth = read.ground_truth;
+  scene.groups = read.groups;
+  scene.priors = read.priors;
+  scene.times = read.times;
+  for (const SceneGeometry& geometry : read.geometries) {
+    scene.geometry.push_back(
+        {.name = geometry.name, .title = geometry.name, .specs = {geometry.spec}});
+  }
+  return read.thresholds;
+}
+
+// Requires what a scene cannot do without; a scene file that is missing may hold it.
+void CheckScene(const TomlTable& table, const ExperimentScene& scene) {
+  const auto hloc = {scene.features, scene.matches, scene.pairs};
+  const bool any = std::any_of(hloc.begin(), hloc.end(), [](const path& p) { return !p.empty(); });
+  const bool all = std::all_of(hloc.begin(), hloc.end(), [](const path& p) { return !p.empty(); });
+  if (any && !all) table.Fail("features", "features, matches and pairs go together");
+  if (scene.file_is_missing) return;
+  if (scene.model.empty()) table.Fail("model", "is missing");
+  if (scene.queries.empty()) table.Fail("queries", "is missing");
+  if (scene.thresholds.empty()) table.Fail("thresholds", "is missing");
+  if (!any && scene.images.empty()) {
+    table.Fail("images", "is missing: needed where there are no features, matches and pairs");
+  }
+  if (!scene.group.empty() && scene.groups.empty()) {
+    table.Fail("group", "needs groups, a list of lines \"query group\"");
+  }
+}
+
 class ExperimentReader {
  public:
   ExperimentReader(const path& file, const VariableLookup& variables)
@@ -326,47 +365,6 @@ class ExperimentReader {
 
   void TakePath(TomlTable& table, std::string_view key, path& value) const {
     if (const auto text = table.Text(key)) value = Resolve(*text);
-  }
-
-  // Returns the thresholds.
-  static std::string TakeSceneFile(const path& file, ExperimentScene& scene) {
-    scene.file = file;
-    scene.file_is_missing = !Exists(file);
-    if (scene.file_is_missing) return {};
-    const SceneFile read = ReadSceneFile(file);
-    scene.model = read.references;
-    scene.images = read.images;
-    scene.queries = read.queries;
-    scene.query_images = read.query_images;
-    scene.ground_truth = read.ground_truth;
-    scene.groups = read.groups;
-    scene.priors = read.priors;
-    scene.times = read.times;
-    for (const SceneGeometry& geometry : read.geometries) {
-      scene.geometry.push_back(
-          {.name = geometry.name, .title = geometry.name, .specs = {geometry.spec}});
-    }
-    return read.thresholds;
-  }
-
-  // Requires what a scene cannot do without; a scene file that is missing may hold it.
-  static void CheckScene(const TomlTable& table, const ExperimentScene& scene) {
-    const auto hloc = {scene.features, scene.matches, scene.pairs};
-    const bool any =
-        std::any_of(hloc.begin(), hloc.end(), [](const path& p) { return !p.empty(); });
-    const bool all =
-        std::all_of(hloc.begin(), hloc.end(), [](const path& p) { return !p.empty(); });
-    if (any && !all) table.Fail("features", "features, matches and pairs go together");
-    if (scene.file_is_missing) return;
-    if (scene.model.empty()) table.Fail("model", "is missing");
-    if (scene.queries.empty()) table.Fail("queries", "is missing");
-    if (scene.thresholds.empty()) table.Fail("thresholds", "is missing");
-    if (!any && scene.images.empty()) {
-      table.Fail("images", "is missing: needed where there are no features, matches and pairs");
-    }
-    if (!scene.group.empty() && scene.groups.empty()) {
-      table.Fail("group", "needs groups, a list of lines \"query group\"");
-    }
   }
 
   // After those of the scene file; one of the same name takes its place.

@@ -68,33 +68,14 @@ struct Rank {
   }
 };
 
-class AutoShard {
+// The ranks that the environment tells.
+class LauncherRanks {
  public:
-  // `total`: N of "auto/N".
-  AutoShard(std::string text, std::optional<int64_t> total, const Environment& environment)
+  // `text` is the option's, for errors; `total` is the N of "auto/N".
+  LauncherRanks(std::string text, std::optional<int64_t> total, const Environment& environment)
       : text_(std::move(text)), total_(total), environment_(environment) {}
 
-  Shard Resolve() const {
-    const auto array = Array();
-    const auto task = Task(array.has_value());
-    if (!array && !task) FailWithoutLauncher();
-    const Rank& rank = array ? *array : *task;
-    int64_t index = rank.index;
-    int64_t count = rank.count.value_or(1);
-    if (array && task) {
-      index = index * *task->count + task->index;
-      count *= *task->count;
-    }
-    if (count > std::numeric_limits<int>::max()) Fail("these are too many shards");
-    return {static_cast<int>(index), static_cast<int>(count)};
-  }
-
- private:
   [[noreturn]] void Fail(const std::string& why) const { throw OptionError("shard", text_, why); }
-
-  std::optional<std::string> Text(std::string_view name) const {
-    return environment_(std::string(name));
-  }
 
   std::optional<int64_t> Number(std::string_view name) const {
     if (name.empty()) return std::nullopt;
@@ -105,6 +86,21 @@ class AutoShard {
       Fail(fmt::format("expected {} to be a count, found \"{}\"", name, *text));
     }
     return number;
+  }
+
+  std::vector<Rank> Of(std::initializer_list<Launcher::Kind> kinds) const {
+    std::vector<Rank> ranks;
+    for (const Launcher& launcher : kLaunchers) {
+      for (const Launcher::Kind kind : kinds) {
+        if (launcher.kind == kind && IsThere(launcher)) ranks.push_back(RankOf(launcher));
+      }
+    }
+    return ranks;
+  }
+
+ private:
+  std::optional<std::string> Text(std::string_view name) const {
+    return environment_(std::string(name));
   }
 
   bool IsThere(const Launcher& launcher) const {
@@ -151,19 +147,36 @@ class AutoShard {
     return {launcher.name, launcher.kind, launcher.index, index, Number(launcher.count)};
   }
 
-  std::vector<Rank> Ranks(std::initializer_list<Launcher::Kind> kinds) const {
-    std::vector<Rank> ranks;
-    for (const Launcher& launcher : kLaunchers) {
-      for (const Launcher::Kind kind : kinds) {
-        if (launcher.kind == kind && IsThere(launcher)) ranks.push_back(RankOf(launcher));
-      }
+  std::string text_;
+  std::optional<int64_t> total_;
+  const Environment& environment_;
+};
+
+class AutoShard {
+ public:
+  // `total`: N of "auto/N".
+  AutoShard(std::string text, std::optional<int64_t> total, const Environment& environment)
+      : total_(total), ranks_(std::move(text), total, environment) {}
+
+  Shard Resolve() const {
+    const auto array = Array();
+    const auto task = Task(array.has_value());
+    if (!array && !task) FailWithoutLauncher();
+    const Rank& rank = array ? *array : *task;
+    int64_t index = rank.index;
+    int64_t count = rank.count.value_or(1);
+    if (array && task) {
+      index = index * *task->count + task->index;
+      count *= *task->count;
     }
-    return ranks;
+    if (count > std::numeric_limits<int>::max()) ranks_.Fail("these are too many shards");
+    return {static_cast<int>(index), static_cast<int>(count)};
   }
 
+ private:
   void RequireInRange(const Rank& rank) const {
     if (rank.index < *rank.count) return;
-    Fail(
+    ranks_.Fail(
         fmt::format("{} = {} is not below {}{}", rank.variable, rank.index, *rank.count,
                     rank.kind == kArray
                         ? fmt::format(": count the indices from 0, or give ${}/{}, which may count "
@@ -173,17 +186,18 @@ class AutoShard {
   }
 
   [[noreturn]] void FailByContradiction(const Rank& a, const Rank& b) const {
-    Fail(fmt::format("the environment says two things ({}; {}): give i/n", a.Text(), b.Text()));
+    ranks_.Fail(
+        fmt::format("the environment says two things ({}; {}): give i/n", a.Text(), b.Text()));
   }
 
   // Which job of an array this is.
   std::optional<Rank> Array() const {
-    const std::vector<Rank> ranks = Ranks({kArray});
+    const std::vector<Rank> ranks = ranks_.Of({kArray});
     if (ranks.empty()) return std::nullopt;
     if (ranks.size() > 1) FailByContradiction(ranks[0], ranks[1]);
     const Rank& rank = ranks.front();
     if (!rank.count) {
-      Fail(
+      ranks_.Fail(
           fmt::format("{} = {}, but a {} does not tell of how many: give auto/N where the indices "
                       "count from 0, or ${}/N",
                       rank.variable, rank.index, rank.launcher, rank.variable));
@@ -207,13 +221,13 @@ class AutoShard {
 
   // Which process of a parallel run this is.
   std::optional<Rank> Task(bool in_array) const {
-    std::vector<Rank> tasks = Ranks({kTasks, kLoose});
-    const std::vector<Rank> steps = Ranks({kStep});
+    std::vector<Rank> tasks = ranks_.Of({kTasks, kLoose});
+    const std::vector<Rank> steps = ranks_.Of({kStep});
     const bool has_step = !steps.empty() && steps.front().count;
     if (tasks.empty() && !has_step) return WithoutStep(in_array);
     const auto loose_only = tasks.size() == 1 && tasks.front().kind == kLoose && !has_step;
     if (in_array && loose_only && *tasks.front().count > 1) {
-      Fail(
+      ranks_.Fail(
           "RANK and WORLD_SIZE beside a job array may mean its jobs or tasks within one: give "
           "i/n");
     }
@@ -223,11 +237,11 @@ class AutoShard {
     if (has_step) task = UnderStep(task, steps.front());
     if (!task.count && !in_array) task.count = total_;
     if (!task.count) {
-      Fail(fmt::format("{} = {}, but its launcher does not tell of how many: give {}",
-                       task.variable, task.index, in_array ? "i/n" : "auto/N"));
+      ranks_.Fail(fmt::format("{} = {}, but its launcher does not tell of how many: give {}",
+                              task.variable, task.index, in_array ? "i/n" : "auto/N"));
     }
     if (total_ && !in_array && *total_ != *task.count) {
-      Fail(fmt::format("{} has started {} tasks", task.launcher, *task.count));
+      ranks_.Fail(fmt::format("{} has started {} tasks", task.launcher, *task.count));
     }
     RequireInRange(task);
     return task;
@@ -245,9 +259,9 @@ class AutoShard {
 
   // srun sets both; one of them may be left over from where the job was submitted.
   void CheckStep(const Rank& step) const {
-    const auto tasks = Number("SLURM_NTASKS");
-    if (tasks && *tasks != *step.count && Ranks({kTasks}).empty()) {
-      Fail(
+    const auto tasks = ranks_.Number("SLURM_NTASKS");
+    if (tasks && *tasks != *step.count && ranks_.Of({kTasks}).empty()) {
+      ranks_.Fail(
           fmt::format("SLURM_NTASKS = {} and SLURM_STEP_NUM_TASKS = {} disagree: start it by srun, "
                       "or give i/n",
                       *tasks, *step.count));
@@ -257,13 +271,13 @@ class AutoShard {
   // A job of Slurm that runs one process, whatever it has asked for.
   std::optional<Rank> WithoutStep(bool in_array) const {
     if (in_array) return std::nullopt;
-    const auto tasks = Number("SLURM_NTASKS");
-    const auto index = Number("SLURM_PROCID");
+    const auto tasks = ranks_.Number("SLURM_NTASKS");
+    const auto index = ranks_.Number("SLURM_PROCID");
     if (!tasks && !index) return std::nullopt;
     if (tasks.value_or(1) == 1 && index.value_or(0) == 0) {
       return Rank{"Slurm", kStep, "SLURM_PROCID", 0, 1};
     }
-    Fail(
+    ranks_.Fail(
         fmt::format("the Slurm job has {} tasks, but this process is not started by srun and would "
                     "be the only one: put srun before the command, or give i/n",
                     tasks ? std::to_string(*tasks) : "several"));
@@ -273,12 +287,12 @@ class AutoShard {
     std::vector<std::string_view> names;
     names.reserve(kLaunchers.size());
     for (const Launcher& launcher : kLaunchers) names.push_back(launcher.index);
-    Fail(fmt::format("found none of {} in the environment: give i/n", fmt::join(names, ", ")));
+    ranks_.Fail(
+        fmt::format("found none of {} in the environment: give i/n", fmt::join(names, ", ")));
   }
 
-  std::string text_;
   std::optional<int64_t> total_;
-  const Environment& environment_;
+  LauncherRanks ranks_;
 };
 
 }  // namespace

@@ -31,13 +31,80 @@ double CostOf(const Vector6d& error, const Matrix6d& covariance) {
          2 * lower.diagonal().array().log().sum();
 }
 
+// What it costs that the poses of two frames are both right: - 2 log of the density.
+class TieCosts {
+ public:
+  TieCosts(std::span<const WalkEvidence> frames, double scale, const StepNoise& noise)
+      : frames_(frames),
+        scale_(scale),
+        noise_(noise),
+        way_(StepAmounts(frames)),
+        log_anywhere_(LogDensityAnywhere(ExtentOf(frames, scale))) {
+    for (size_t i = 1; i < way_.size(); ++i) way_[i] += way_[i - 1];
+  }
+
+  double log_anywhere() const { return log_anywhere_; }
+
+  // Returns whether the odometry was rather lost between both poses, if they are right.
+  bool IsLost(const Anchor& earlier, const Anchor& later) const {
+    return Lost(earlier, later) < Tied(earlier, later);
+  }
+
+  // Returns the cost where the odometry was lost between them.
+  double Lost(const Anchor& earlier, const Anchor& later) const {
+    const double ever = 1 - std::pow(1 - kLost, static_cast<double>(later.frame - earlier.frame));
+    return -2 * (std::log(ever) + log_anywhere_);
+  }
+
+  // Returns the cost where the odometry was not lost.
+  double Tied(const Anchor& earlier, const Anchor& later) const {
+    const WalkEvidence &before = frames_[earlier.frame], &after = frames_[later.frame];
+    const SinglePose &from = before.singles[earlier.single], &to = after.singles[later.single];
+    const Rigid3 step = OdometryStep(after.cam_from_odometry, before.cam_from_odometry, scale_);
+    const Rigid3 seen = to.cam_from_world * from.cam_from_world.Inverse();
+    const Matrix6d adjoint = StepAdjoint(seen);
+    const double way = way_[later.frame] - way_[earlier.frame];
+    const double turn = noise_.rotation_variance * way;
+    // A turn on the way moves what comes after it, and the scale may drift.
+    const double shift = noise_.position_variance * way +
+                         (turn / 3 + kScaleDrift * kScaleDrift) * step.translation.squaredNorm();
+    Matrix6d covariance = to.covariance + adjoint * from.covariance * adjoint.transpose();
+    covariance.diagonal().head<3>().array() += turn;
+    covariance.diagonal().tail<3>().array() += shift;
+    return CostOf(StepBetween(step, seen), covariance);
+  }
+
+ private:
+  std::span<const WalkEvidence> frames_;
+  double scale_;
+  StepNoise noise_;
+  std::vector<double> way_;  // up to each frame
+  double log_anywhere_;
+};
+
+double VarianceOf(const SinglePose& single) {
+  return single.covariance.bottomRightCorner<3, 3>().trace();
+}
+
+// A pose that tells its place much worse than the others, and than odometry over the window, would
+// only let those before and after it forget each other.
+double MostVariance(std::span<const WalkEvidence> frames, const StepNoise& noise) {
+  constexpr double kTimesMedian = 10;
+  std::vector<double> variances;
+  for (const WalkEvidence& frame : frames) {
+    for (const SinglePose& single : frame.singles) variances.push_back(VarianceOf(single));
+  }
+  return std::max(3 * kWindow * noise.position_variance,
+                  kTimesMedian * UpperMedianOr(std::move(variances), 0));
+}
+
 class AnchorSearch {
  public:
   AnchorSearch(std::span<const WalkEvidence> frames, double scale, const StepNoise& noise)
-      : frames_(frames), scale_(scale), noise_(noise), way_(StepAmounts(frames)) {
-    for (size_t i = 1; i < way_.size(); ++i) way_[i] += way_[i - 1];
-    log_anywhere_ = LogDensityAnywhere(ExtentOf(frames, scale));
-    LimitVariance();
+      : frames_(frames),
+        costs_(frames, scale, noise),
+        log_anywhere_(costs_.log_anywhere()),
+        most_variance_(MostVariance(frames, noise)) {
     for (size_t i = 0; i < frames.size(); ++i) AddFrame(i);
     for (size_t k = 0; k < candidates_.size(); ++k) AddContradictions(k);
   }
@@ -61,7 +128,7 @@ class AnchorSearch {
         const double between = all_wrong_[candidate.place] - all_wrong_[earlier.place + 1] +
                                earlier.After(places) + candidate.Before(places);
         const double tied = candidate.tied[j - candidate.first];
-        const double lost = LostCost(earlier.anchor, candidate.anchor);
+        const double lost = costs_.Lost(earlier.anchor, candidate.anchor);
         const double total = states[j].cost + between + candidate.right + std::min(tied, lost);
         if (total < best.cost) best = {total, j, lost < tied};
       }
@@ -96,7 +163,7 @@ class AnchorSearch {
     }
     for (size_t i = 0; i < runs.size(); ++i) {
       for (size_t k = runs.size() - 1; k > i + 1; --k) {
-        if (Tie(runs[i].back(), runs[k].front()).second) continue;
+        if (costs_.IsLost(runs[i].back(), runs[k].front())) continue;
         const auto begin = runs.begin() + static_cast<std::ptrdiff_t>(i);
         const auto end = runs.begin() + static_cast<std::ptrdiff_t>(k);
         size_t between = 0;
@@ -119,7 +186,7 @@ class AnchorSearch {
     std::vector<Anchor> anchors;
     for (const std::vector<Anchor>& run : runs) {
       for (Anchor anchor : run) {
-        anchor.lost_before = !anchors.empty() && Tie(anchors.back(), anchor).second;
+        anchor.lost_before = !anchors.empty() && costs_.IsLost(anchors.back(), anchor);
         anchors.push_back(anchor);
       }
     }
@@ -129,10 +196,11 @@ class AnchorSearch {
   // A pose of a frame's own.
   struct Candidate {
     Anchor anchor;
-    size_t place;                   // of the frame among those with a pose
-    size_t first;                   // candidate that it may be tied to
-    std::vector<double> tied = {};  // to that one and those after it of frames before: TiedCost()
-    double wrong = 0;               // CostOfWrongPose()
+    size_t place;  // of the frame among those with a pose
+    size_t first;  // candidate that it may be tied to
+    // TieCosts::Tied() to that one and those after it of frames before.
+    std::vector<double> tied = {};
+    double wrong = 0;  // CostOfWrongPose()
     double right = 0;  // the cost of its being right, but for that of where it is if wrong
     // What it costs more that so many frames before or after it are wrong, as they agree with it.
     std::vector<double> before = {0}, after = {0};
@@ -140,21 +208,6 @@ class AnchorSearch {
     double Before(size_t places) const { return before[std::min(places, before.size() - 1)]; }
     double After(size_t places) const { return after[std::min(places, after.size() - 1)]; }
   };
-
-  // A pose that tells its place much worse than the others, and than odometry over the window, would
-  // only let those before and after it forget each other.
-  void LimitVariance() {
-    constexpr double kTimesMedian = 10;
-    std::vector<double> variances;
-    for (const WalkEvidence& frame : frames_) {
-      for (const SinglePose& single : frame.singles) variances.push_back(VarianceOf(single));
-    }
-    most_variance_ = std::max(3 * kWindow * noise_.position_variance,
-                              kTimesMedian * UpperMedianOr(std::move(variances), 0));
-  }
-  static double VarianceOf(const SinglePose& single) {
-    return single.covariance.bottomRightCorner<3, 3>().trace();
-  }
 
   void AddFrame(size_t frame) {
     const std::vector<SinglePose>& singles = frames_[frame].singles;
@@ -172,7 +225,7 @@ class AnchorSearch {
       if (!tells(singles[k])) continue;
       Candidate candidate{{frame, k}, place, first};
       for (size_t j = first; j < end; ++j) {
-        candidate.tied.push_back(TiedCost(candidates_[j].anchor, candidate.anchor));
+        candidate.tied.push_back(costs_.Tied(candidates_[j].anchor, candidate.anchor));
       }
       candidate.wrong = CostOfWrongPose(candidate, std::log(wrong) - std::log(confidences[k]));
       candidate.right = -2 * std::log(confidences[k]) - candidate.wrong;
@@ -198,7 +251,7 @@ class AnchorSearch {
     std::vector<double> of_places(later.place - candidates_[later.first].place, 0);
     for (size_t j = later.first; j < later.first + later.tied.size(); ++j) {
       Candidate& earlier = candidates_[j];
-      const bool agree = later.tied[j - later.first] < LostCost(earlier.anchor, later.anchor);
+      const bool agree = later.tied[j - later.first] < costs_.Lost(earlier.anchor, later.anchor);
       of_places[later.place - earlier.place - 1] += agree ? -2 * log_anywhere_ - earlier.wrong : 0;
       const size_t places = later.place - earlier.place;
       while (earlier.after.size() <= places) earlier.after.push_back(earlier.after.back());
@@ -207,43 +260,10 @@ class AnchorSearch {
     for (const double more : of_places) later.before.push_back(later.before.back() + more);
   }
 
-  // The cost of both poses being right, and whether the odometry was lost between them then.
-  std::pair<double, bool> Tie(const Anchor& earlier, const Anchor& later) const {
-    const double tied = TiedCost(earlier, later);
-    const double lost = LostCost(earlier, later);
-    return {std::min(tied, lost), lost < tied};
-  }
-
-  // That where the odometry was lost between them.
-  double LostCost(const Anchor& earlier, const Anchor& later) const {
-    const double ever = 1 - std::pow(1 - kLost, static_cast<double>(later.frame - earlier.frame));
-    return -2 * (std::log(ever) + log_anywhere_);
-  }
-
-  // That where the odometry was not lost.
-  double TiedCost(const Anchor& earlier, const Anchor& later) const {
-    const WalkEvidence &before = frames_[earlier.frame], &after = frames_[later.frame];
-    const SinglePose &from = before.singles[earlier.single], &to = after.singles[later.single];
-    const Rigid3 step = OdometryStep(after.cam_from_odometry, before.cam_from_odometry, scale_);
-    const Rigid3 seen = to.cam_from_world * from.cam_from_world.Inverse();
-    const Matrix6d adjoint = StepAdjoint(seen);
-    const double way = way_[later.frame] - way_[earlier.frame];
-    const double turn = noise_.rotation_variance * way;
-    // A turn on the way moves what comes after it, and the scale may drift.
-    const double shift = noise_.position_variance * way +
-                         (turn / 3 + kScaleDrift * kScaleDrift) * step.translation.squaredNorm();
-    Matrix6d covariance = to.covariance + adjoint * from.covariance * adjoint.transpose();
-    covariance.diagonal().head<3>().array() += turn;
-    covariance.diagonal().tail<3>().array() += shift;
-    return CostOf(StepBetween(step, seen), covariance);
-  }
-
   std::span<const WalkEvidence> frames_;
-  double scale_;
-  StepNoise noise_;
-  std::vector<double> way_;   // up to each frame
-  double most_variance_ = 0;  // of the position of a pose that tells it
-  double log_anywhere_ = 0;
+  TieCosts costs_;
+  double log_anywhere_;
+  double most_variance_;  // of the position of a pose that tells it
   std::vector<Candidate> candidates_;
   // The cost of so many first frames with a pose being wrong, but for where their poses are.
   std::vector<double> all_wrong_ = {0};

@@ -118,14 +118,18 @@ Matrix6d OfMoved(const Vector6d& error) {
   return jacobian;
 }
 
-class WalkGraph {
+// The terms of a walk's cost: the errors of poses and steps, and what they may be with the noise as
+// it is. `poses` are of all frames; exp(log_scale) is the odometry's unit.
+class WalkTerms {
  public:
   // `scale` is known or about right.
-  WalkGraph(std::span<const WalkEvidence> frames, double scale, bool scale_is_known)
+  WalkTerms(std::span<const WalkEvidence> frames, double scale, bool scale_is_known)
       : frames_(frames),
         scale_is_known_(scale_is_known),
+        prior_log_scale_(std::log(scale)),
         amounts_(StepAmounts(frames)),
-        steps_(frames.size()) {
+        steps_(frames.size()),
+        lost_steps_(frames.size(), 0) {
     for (const WalkEvidence& frame : frames) {
       std::vector<Information>& singles = singles_.emplace_back();
       for (const SinglePose& single : frame.singles) {
@@ -135,100 +139,27 @@ class WalkGraph {
     for (size_t i = 1; i < frames.size(); ++i) {
       steps_[i] = OdometryStep(frames[i].cam_from_odometry, frames[i - 1].cam_from_odometry, 1);
     }
-    log_scale_ = prior_log_scale_ = std::log(scale);
-    extent_ = ExtentOf(frames, Scale());
+    extent_ = ExtentOf(frames, std::exp(prior_log_scale_));
     log_anywhere_ = LogDensityAnywhere(extent_);
     double way = 0;
-    for (size_t i = 1; i < frames.size(); ++i) way += Step(i).OriginInSource().norm();
+    for (size_t i = 1; i < frames.size(); ++i) {
+      way += Step(i, prior_log_scale_).OriginInSource().norm();
+    }
     const double mean_step = std::max(way / static_cast<double>(frames.size() - 1), 1e-6 * extent_);
     prior_noise_ = {kPriorShare * kPriorShare * mean_step * mean_step,
                     kPriorRotation * kPriorRotation};
     noise_ = prior_noise_;
   }
 
-  // False where no frame's pose is right.
-  bool Begin() {
-    const double wider = kSearchFactor * kSearchFactor;
-    const std::vector<Anchor> anchors = FindAnchors(
-        frames_, Scale(), {wider * noise_.position_variance, wider * noise_.rotation_variance});
-    if (anchors.empty()) return false;
-    lost_steps_.assign(frames_.size(), 0);
-    for (size_t k = 1; k < anchors.size(); ++k) {
-      if (!anchors[k].lost_before) continue;
-      const size_t between = anchors[k].frame - anchors[k - 1].frame;
-      for (size_t i = anchors[k - 1].frame + 1; i <= anchors[k].frame; ++i) {
-        lost_steps_[i] = between;
-      }
-    }
-    poses_ = FromAnchors(anchors);
-    MakeMixtures();
-    return true;
+  // Takes how many steps the odometry may have been lost in at each of them; 0: it was not.
+  void TakeLostSteps(std::vector<size_t> lost_steps) {
+    lost_steps_ = std::move(lost_steps);
+    TakeNoise(noise_, single_factor_);
   }
 
-  void Minimize() {
-    for (int round = 0; round < kRounds; ++round) {
-      MinimizePoses(kIterationsOfRound);
-      if (!EstimateNoise()) break;
-    }
-    MinimizePoses(kIterations);
-  }
-
-  SmoothedWalk Result() const {
-    SmoothedWalk walk;
-    walk.scale = Scale();
-    walk.step_sigma = std::sqrt(noise_.position_variance);
-    walk.step_rotation_sigma_deg = kDegPerRad * std::sqrt(noise_.rotation_variance);
-    walk.single_sigma_factor = std::sqrt(single_factor_);
-    const auto covariance = Invert(Equations(poses_, log_scale_));
-    if (!covariance) return walk;
-    walk.scale_sigma = scale_is_known_ ? 0 : Scale() * std::sqrt(covariance->corner);
-    for (size_t i = 0; i < frames_.size(); ++i) {
-      SmoothedFrame& frame = walk.frames.emplace_back();
-      frame.cam_from_world = poses_[i];
-      frame.covariance = covariance->diagonal[i];
-      frame.lost_before = lost_steps_[i] > 0;
-      if (frames_[i].singles.empty()) continue;
-      const SingleTerm term = SingleAt(i, poses_[i]);
-      frame.single_agrees = term.value.shares[0] + term.value.shares[1];
-      frame.single = term.single;
-    }
-    return walk;
-  }
-
- private:
-  double Scale() const { return std::exp(log_scale_); }
-  Rigid3 Step(size_t i, double log_scale) const {
-    Rigid3 step = steps_[i];
-    step.translation *= std::exp(log_scale);
-    return step;
-  }
-  Rigid3 Step(size_t i) const { return Step(i, log_scale_); }
-
-  // Each frame from the anchor with the shortest way to it.
-  std::vector<Rigid3> FromAnchors(const std::vector<Anchor>& anchors) const {
-    std::vector<Rigid3> poses(frames_.size());
-    std::vector<double> way(frames_.size(), HUGE_VAL);
-    for (const Anchor& anchor : anchors) {
-      poses[anchor.frame] = frames_[anchor.frame].singles[anchor.single].cam_from_world;
-      way[anchor.frame] = 0;
-    }
-    for (size_t i = 1; i < poses.size(); ++i) {
-      const double from_before = way[i - 1] + amounts_[i];
-      if (!(from_before < way[i])) continue;
-      way[i] = from_before;
-      poses[i] = Step(i) * poses[i - 1];
-    }
-    for (size_t i = poses.size() - 1; i > 0; --i) {
-      const double from_after = way[i] + amounts_[i];
-      if (!(from_after < way[i - 1])) continue;
-      way[i - 1] = from_after;
-      poses[i - 1] = Step(i).Inverse() * poses[i];
-    }
-    return poses;
-  }
-
-  // What the errors may be with the noise as it is.
-  void MakeMixtures() {
+  void TakeNoise(const StepNoise& noise, double single_factor) {
+    noise_ = noise;
+    single_factor_ = single_factor;
     of_singles_.clear();
     of_steps_.clear();
     for (size_t i = 0; i < frames_.size(); ++i) {
@@ -237,20 +168,20 @@ class WalkGraph {
     }
   }
 
-  // What the error of each of a frame's own poses may be: right, right but less exact, anywhere.
-  std::vector<Mixture> OfSingles(size_t i) const {
-    std::vector<Mixture> mixtures;
-    const std::vector<double> confidences = UsedConfidences(frames_[i]);
-    const double wrong = 1 - std::accumulate(confidences.begin(), confidences.end(), 0.0);
-    for (size_t k = 0; k < confidences.size(); ++k) {
-      const Information information = singles_[i][k].Over(single_factor_);
-      Mixture& mixture = mixtures.emplace_back();
-      mixture.Add(confidences[k] * (1 - kBroadShare), information);
-      mixture.Add(confidences[k] * kBroadShare, information.Over(kBroadVariance));
-      mixture.AddAnywhere(wrong, log_anywhere_);
-    }
-    return mixtures;
+  double Amount(size_t i) const { return amounts_[i]; }
+  bool IsLost(size_t i) const { return lost_steps_[i] > 0; }
+  const Information& InformationOfSingle(size_t i, size_t k) const { return singles_[i][k]; }
+  const Mixture& OfStepError(size_t i) const { return of_steps_[i]; }
+  const StepNoise& prior_noise() const { return prior_noise_; }
+  const StepNoise& noise() const { return noise_; }
+  double single_factor() const { return single_factor_; }
+
+  Rigid3 Step(size_t i, double log_scale) const {
+    Rigid3 step = steps_[i];
+    step.translation *= std::exp(log_scale);
+    return step;
   }
+
   // The one of a frame's own poses, of which there is one at least, that is the likeliest if it is
   // at `pose`.
   struct SingleTerm {
@@ -268,25 +199,8 @@ class WalkGraph {
     return best;
   }
 
-  // e of a step, and what it may be.
   Vector6d StepError(size_t i, const Rigid3& before, const Rigid3& pose, double log_scale) const {
     return StepBetween(Step(i, log_scale), pose * before.Inverse());
-  }
-  Mixture OfStep(size_t i) const {
-    double rotation = noise_.rotation_variance * amounts_[i];
-    double position = noise_.position_variance * amounts_[i];
-    Mixture mixture;
-    if (lost_steps_[i] > 0) {
-      const auto among = static_cast<double>(lost_steps_[i]);
-      rotation += 1 / among;
-      position += 0.25 * extent_ * extent_ / among;
-      mixture.Add(1, InverseDiagonal(rotation, position));
-      return mixture;
-    }
-    const Information information = InverseDiagonal(rotation, position);
-    mixture.Add(1 - kBroadShare, information);
-    mixture.Add(kBroadShare, information.Over(kBroadVariance));
-    return mixture;
   }
 
   ChainEquations::Jacobians StepJacobians(size_t i, const std::vector<Rigid3>& poses,
@@ -331,13 +245,150 @@ class WalkGraph {
     return equations;
   }
 
+ private:
+  // What the error of each of a frame's own poses may be: right, right but less exact, anywhere.
+  std::vector<Mixture> OfSingles(size_t i) const {
+    std::vector<Mixture> mixtures;
+    const std::vector<double> confidences = UsedConfidences(frames_[i]);
+    const double wrong = 1 - std::accumulate(confidences.begin(), confidences.end(), 0.0);
+    for (size_t k = 0; k < confidences.size(); ++k) {
+      const Information information = singles_[i][k].Over(single_factor_);
+      Mixture& mixture = mixtures.emplace_back();
+      mixture.Add(confidences[k] * (1 - kBroadShare), information);
+      mixture.Add(confidences[k] * kBroadShare, information.Over(kBroadVariance));
+      mixture.AddAnywhere(wrong, log_anywhere_);
+    }
+    return mixtures;
+  }
+
+  // What the error of a step may be.
+  Mixture OfStep(size_t i) const {
+    double rotation = noise_.rotation_variance * amounts_[i];
+    double position = noise_.position_variance * amounts_[i];
+    Mixture mixture;
+    if (lost_steps_[i] > 0) {
+      const auto among = static_cast<double>(lost_steps_[i]);
+      rotation += 1 / among;
+      position += 0.25 * extent_ * extent_ / among;
+      mixture.Add(1, InverseDiagonal(rotation, position));
+      return mixture;
+    }
+    const Information information = InverseDiagonal(rotation, position);
+    mixture.Add(1 - kBroadShare, information);
+    mixture.Add(kBroadShare, information.Over(kBroadVariance));
+    return mixture;
+  }
+
+  std::span<const WalkEvidence> frames_;
+  bool scale_is_known_;
+  double prior_log_scale_;
+  std::vector<double> amounts_;
+  std::vector<Rigid3> steps_;                      // the odometry's, in its units; nothing at 0
+  std::vector<std::vector<Information>> singles_;  // of each frame's own poses
+  double extent_ = 1;
+  double log_anywhere_ = 0;
+  StepNoise prior_noise_;
+
+  StepNoise noise_;
+  double single_factor_ = 1;
+  std::vector<size_t> lost_steps_;
+  std::vector<std::vector<Mixture>> of_singles_;
+  std::vector<Mixture> of_steps_;
+};
+
+class WalkGraph {
+ public:
+  // `scale` is known or about right.
+  WalkGraph(std::span<const WalkEvidence> frames, double scale, bool scale_is_known)
+      : frames_(frames),
+        scale_is_known_(scale_is_known),
+        terms_(frames, scale, scale_is_known),
+        log_scale_(std::log(scale)) {}
+
+  // False where no frame's pose is right.
+  bool Begin() {
+    const double wider = kSearchFactor * kSearchFactor;
+    const StepNoise& noise = terms_.noise();
+    const std::vector<Anchor> anchors = FindAnchors(
+        frames_, Scale(), {wider * noise.position_variance, wider * noise.rotation_variance});
+    if (anchors.empty()) return false;
+    std::vector<size_t> lost_steps(frames_.size(), 0);
+    for (size_t k = 1; k < anchors.size(); ++k) {
+      if (!anchors[k].lost_before) continue;
+      const size_t between = anchors[k].frame - anchors[k - 1].frame;
+      for (size_t i = anchors[k - 1].frame + 1; i <= anchors[k].frame; ++i) {
+        lost_steps[i] = between;
+      }
+    }
+    poses_ = FromAnchors(anchors);
+    terms_.TakeLostSteps(std::move(lost_steps));
+    return true;
+  }
+
+  void Minimize() {
+    for (int round = 0; round < kRounds; ++round) {
+      MinimizePoses(kIterationsOfRound);
+      if (!EstimateNoise()) break;
+    }
+    MinimizePoses(kIterations);
+  }
+
+  SmoothedWalk Result() const {
+    SmoothedWalk walk;
+    walk.scale = Scale();
+    walk.step_sigma = std::sqrt(terms_.noise().position_variance);
+    walk.step_rotation_sigma_deg = kDegPerRad * std::sqrt(terms_.noise().rotation_variance);
+    walk.single_sigma_factor = std::sqrt(terms_.single_factor());
+    const auto covariance = Invert(terms_.Equations(poses_, log_scale_));
+    if (!covariance) return walk;
+    walk.scale_sigma = scale_is_known_ ? 0 : Scale() * std::sqrt(covariance->corner);
+    for (size_t i = 0; i < frames_.size(); ++i) {
+      SmoothedFrame& frame = walk.frames.emplace_back();
+      frame.cam_from_world = poses_[i];
+      frame.covariance = covariance->diagonal[i];
+      frame.lost_before = terms_.IsLost(i);
+      if (frames_[i].singles.empty()) continue;
+      const WalkTerms::SingleTerm term = terms_.SingleAt(i, poses_[i]);
+      frame.single_agrees = term.value.shares[0] + term.value.shares[1];
+      frame.single = term.single;
+    }
+    return walk;
+  }
+
+ private:
+  double Scale() const { return std::exp(log_scale_); }
+  Rigid3 Step(size_t i) const { return terms_.Step(i, log_scale_); }
+
+  // Each frame from the anchor with the shortest way to it.
+  std::vector<Rigid3> FromAnchors(const std::vector<Anchor>& anchors) const {
+    std::vector<Rigid3> poses(frames_.size());
+    std::vector<double> way(frames_.size(), HUGE_VAL);
+    for (const Anchor& anchor : anchors) {
+      poses[anchor.frame] = frames_[anchor.frame].singles[anchor.single].cam_from_world;
+      way[anchor.frame] = 0;
+    }
+    for (size_t i = 1; i < poses.size(); ++i) {
+      const double from_before = way[i - 1] + terms_.Amount(i);
+      if (!(from_before < way[i])) continue;
+      way[i] = from_before;
+      poses[i] = Step(i) * poses[i - 1];
+    }
+    for (size_t i = poses.size() - 1; i > 0; --i) {
+      const double from_after = way[i] + terms_.Amount(i);
+      if (!(from_after < way[i - 1])) continue;
+      way[i - 1] = from_after;
+      poses[i - 1] = Step(i).Inverse() * poses[i];
+    }
+    return poses;
+  }
+
   // Levenberg's and Marquardt's method.
   void MinimizePoses(int iterations) {
     double damping = 1e-6;
-    double cost = Cost(poses_, log_scale_);
+    double cost = terms_.Cost(poses_, log_scale_);
     std::optional<ChainEquations> equations;  // at poses_ and log_scale_
     for (int iteration = 0; iteration < iterations && damping < 1e6; ++iteration) {
-      if (!equations) equations = Equations(poses_, log_scale_);
+      if (!equations) equations = terms_.Equations(poses_, log_scale_);
       const auto solution = Solve(*equations, damping);
       if (!solution) {
         damping *= 10;
@@ -346,7 +397,7 @@ class WalkGraph {
       std::vector<Rigid3> moved = poses_;
       for (size_t i = 0; i < moved.size(); ++i) moved[i] = Moved(moved[i], solution->steps[i]);
       const double log_scale = log_scale_ + solution->number;
-      const double moved_cost = Cost(moved, log_scale);
+      const double moved_cost = terms_.Cost(moved, log_scale);
       if (!(moved_cost < cost)) {
         damping *= 10;
         continue;
@@ -372,71 +423,57 @@ class WalkGraph {
 
   // False once nothing changes.
   bool EstimateNoise() {
-    const auto covariance = Invert(Equations(poses_, log_scale_));
+    const auto covariance = Invert(terms_.Equations(poses_, log_scale_));
     if (!covariance) return false;
     Variance rotation{}, position{}, single{};
     for (size_t i = 0; i < frames_.size(); ++i) {
       if (!frames_[i].singles.empty()) CountSingle(i, *covariance, single);
-      if (i > 0 && lost_steps_[i] == 0) CountStep(i, *covariance, rotation, position);
+      if (i > 0 && !terms_.IsLost(i)) CountStep(i, *covariance, rotation, position);
     }
-    const StepNoise before =
-        std::exchange(noise_, {position.Over(prior_noise_.position_variance, kPriorWeight),
-                               rotation.Over(prior_noise_.rotation_variance, kPriorWeight)});
-    const double factor_before =
-        std::exchange(single_factor_, std::clamp(single.Over(1, kPriorFactorWeight), 0.5, 100.0));
-    MakeMixtures();
+    const StepNoise before = terms_.noise();
+    const double factor_before = terms_.single_factor();
+    terms_.TakeNoise({position.Over(terms_.prior_noise().position_variance, kPriorWeight),
+                      rotation.Over(terms_.prior_noise().rotation_variance, kPriorWeight)},
+                     std::clamp(single.Over(1, kPriorFactorWeight), 0.5, 100.0));
     constexpr double kSame = 0.01;
     const auto differ = [](double a, double b) { return std::abs(std::log(a / b)) > kSame; };
-    return differ(before.position_variance, noise_.position_variance) ||
-           differ(before.rotation_variance, noise_.rotation_variance) ||
-           differ(factor_before, single_factor_);
+    return differ(before.position_variance, terms_.noise().position_variance) ||
+           differ(before.rotation_variance, terms_.noise().rotation_variance) ||
+           differ(factor_before, terms_.single_factor());
   }
 
   void CountSingle(size_t i, const ChainCovariance& covariance, Variance& single) const {
-    const SingleTerm term = SingleAt(i, poses_[i]);
+    const WalkTerms::SingleTerm term = terms_.SingleAt(i, poses_[i]);
     const auto& shares = term.value.shares;
     const double share = shares[0] + shares[1] / kBroadVariance;
-    const Matrix6d& information = singles_[i][term.single].matrix;
+    const Matrix6d& information = terms_.InformationOfSingle(i, term.single).matrix;
     single.squares += share * term.error.dot(information * term.error);
     single.free += 6 * (shares[0] + shares[1]) -
-                   share * (information * covariance.diagonal[i]).trace() / single_factor_;
+                   share * (information * covariance.diagonal[i]).trace() / terms_.single_factor();
   }
 
   void CountStep(size_t i, const ChainCovariance& covariance, Variance& rotation,
                  Variance& position) const {
-    const Vector6d error = StepError(i, poses_[i - 1], poses_[i], log_scale_);
-    const auto shares = of_steps_[i].At(error).shares;
-    const double share = (shares[0] + shares[1] / kBroadVariance) / amounts_[i];
-    const auto J = StepJacobians(i, poses_, error, log_scale_);
+    const Vector6d error = terms_.StepError(i, poses_[i - 1], poses_[i], log_scale_);
+    const auto shares = terms_.OfStepError(i).At(error).shares;
+    const double share = (shares[0] + shares[1] / kBroadVariance) / terms_.Amount(i);
+    const auto J = terms_.StepJacobians(i, poses_, error, log_scale_);
     const Matrix6d across = J.of_frame * covariance.below[i] * J.of_before.transpose();
     const Vector6d variance = (J.of_frame * covariance.diagonal[i] * J.of_frame.transpose() +
                                J.of_before * covariance.diagonal[i - 1] * J.of_before.transpose() +
                                across + across.transpose())
                                   .diagonal();
     rotation.squares += share * error.head<3>().squaredNorm();
-    rotation.free += 3 - share * variance.head<3>().sum() / noise_.rotation_variance;
+    rotation.free += 3 - share * variance.head<3>().sum() / terms_.noise().rotation_variance;
     position.squares += share * error.tail<3>().squaredNorm();
-    position.free += 3 - share * variance.tail<3>().sum() / noise_.position_variance;
+    position.free += 3 - share * variance.tail<3>().sum() / terms_.noise().position_variance;
   }
 
   std::span<const WalkEvidence> frames_;
   bool scale_is_known_;
-  std::vector<double> amounts_;
-  std::vector<Rigid3> steps_;                      // the odometry's, in its units; nothing at 0
-  std::vector<std::vector<Information>> singles_;  // of each frame's own poses
-  double extent_ = 1;
-  double log_anywhere_ = 0;
-  double prior_log_scale_ = 0;
-  StepNoise prior_noise_;
-
-  StepNoise noise_;
-  double single_factor_ = 1;
-  std::vector<size_t>
-      lost_steps_;  // how many steps the odometry may have been lost in; 0: it was not
-  std::vector<std::vector<Mixture>> of_singles_;
-  std::vector<Mixture> of_steps_;
+  WalkTerms terms_;
   std::vector<Rigid3> poses_;
-  double log_scale_ = 0;
+  double log_scale_;
 };
 
 // The scale that pairs of frames tell, where it is not the known one.

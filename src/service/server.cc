@@ -25,13 +25,58 @@ namespace {
 constexpr std::chrono::milliseconds kAcceptAgain(100);
 constexpr std::chrono::milliseconds kMemoryAgain(10);
 
+void Listen(const ServerOptions& options, tcp::acceptor& acceptor) {
+  error_code error;
+  const auto address = asio::ip::make_address(options.listen, error);
+  if (error) {
+    throw OptionError("listen", options.listen, "expected an IP address of this machine");
+  }
+  if (options.port < 0 || options.port > UINT16_MAX) {
+    throw OptionError("port", std::to_string(options.port), "must lie between 0 and 65535");
+  }
+  const tcp::endpoint asked(address, static_cast<uint16_t>(options.port));
+  acceptor.open(asked.protocol(), error);
+  if (!error) acceptor.set_option(tcp::acceptor::reuse_address(true), error);
+  if (!error) acceptor.bind(asked, error);
+  if (!error) acceptor.listen(asio::socket_base::max_listen_connections, error);
+  if (error == boost::system::errc::address_not_available) {
+    throw OptionError("listen", options.listen, "is no address of this machine");
+  }
+  if (error) {
+    throw OptionError("port", std::to_string(options.port),
+                      fmt::format("{} at {}", error.message(), options.listen));
+  }
+}
+
+// What fits into a new socket's buffer goes out without waiting.
+void SendAway(tcp::socket& socket) {
+  constexpr std::string_view kAnswer =
+      "HTTP/1.1 503 Service Unavailable\r\nRetry-After: 1\r\nConnection: close\r\n"
+      "Content-Length: 0\r\n\r\n";
+  error_code ignored;
+  socket.non_blocking(true, ignored);
+  socket.write_some(asio::buffer(kAnswer.data(), kAnswer.size()), ignored);
+  socket.shutdown(tcp::socket::shutdown_send, ignored);
+}
+
+template <typename Begin>
+void OnceThereIsMemory(const Begin& begin) {
+  while (true) {
+    try {
+      return begin();
+    } catch (const std::bad_alloc&) {
+      std::this_thread::sleep_for(kMemoryAgain);
+    }
+  }
+}
+
 }  // namespace
 
 class Server::Impl {
  public:
   Impl(OpenScenes open, const ServerOptions& options)
       : open_(std::move(open)), shared_(options), acceptor_(shared_.io), signals_(shared_.io) {
-    Listen();
+    Listen(options, acceptor_);
     shared_.service.Take(open_(), options.threads);
     shared_.on_closed = [this] { EndIfDone(); };
     // They wait for Run() from now on; before, they end the opening.
@@ -68,30 +113,6 @@ class Server::Impl {
  private:
   void Log(const std::string& message) const {
     if (shared_.options.log) shared_.options.log(message);
-  }
-
-  void Listen() {
-    const ServerOptions& options = shared_.options;
-    error_code error;
-    const auto address = asio::ip::make_address(options.listen, error);
-    if (error) {
-      throw OptionError("listen", options.listen, "expected an IP address of this machine");
-    }
-    if (options.port < 0 || options.port > UINT16_MAX) {
-      throw OptionError("port", std::to_string(options.port), "must lie between 0 and 65535");
-    }
-    const tcp::endpoint asked(address, static_cast<uint16_t>(options.port));
-    acceptor_.open(asked.protocol(), error);
-    if (!error) acceptor_.set_option(tcp::acceptor::reuse_address(true), error);
-    if (!error) acceptor_.bind(asked, error);
-    if (!error) acceptor_.listen(asio::socket_base::max_listen_connections, error);
-    if (error == boost::system::errc::address_not_available) {
-      throw OptionError("listen", options.listen, "is no address of this machine");
-    }
-    if (error) {
-      throw OptionError("port", std::to_string(options.port),
-                        fmt::format("{} at {}", error.message(), options.listen));
-    }
   }
 
   void Accept() {
@@ -146,28 +167,6 @@ class Server::Impl {
     accept_again_.async_wait([this](error_code error) {
       if (!error && !shared_.is_draining) Accept();
     });
-  }
-
-  // What fits into a new socket's buffer goes out without waiting.
-  static void SendAway(tcp::socket& socket) {
-    static constexpr std::string_view kAnswer =
-        "HTTP/1.1 503 Service Unavailable\r\nRetry-After: 1\r\nConnection: close\r\n"
-        "Content-Length: 0\r\n\r\n";
-    error_code ignored;
-    socket.non_blocking(true, ignored);
-    socket.write_some(asio::buffer(kAnswer.data(), kAnswer.size()), ignored);
-    socket.shutdown(tcp::socket::shutdown_send, ignored);
-  }
-
-  template <typename Begin>
-  static void OnceThereIsMemory(const Begin& begin) {
-    while (true) {
-      try {
-        return begin();
-      } catch (const std::bad_alloc&) {
-        std::this_thread::sleep_for(kMemoryAgain);
-      }
-    }
   }
 
   // No signal is lost.

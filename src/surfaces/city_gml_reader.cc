@@ -58,6 +58,25 @@ bool IsInterior(std::string_view name) {
   return name.starts_with("interior") && name != "interior";
 }
 
+// Returns the kind of surface that a polygon is of, as RoofSurface or Window; empty of others.
+std::string_view KindOf(xml_node node) {
+  for (; node; node = node.parent()) {
+    const std::string_view above = NameOf(node.parent());
+    if (above == "boundedBy" || above == "opening") return NameOf(node);
+  }
+  return {};
+}
+
+// Returns the kind of the element and the nearest name that the file gives.
+std::string PlaceOf(xml_node node) {
+  std::string kind(NameOf(node));
+  for (; node; node = node.parent()) {
+    const std::string_view id = AttributeOf(node, "id");
+    if (!id.empty()) return fmt::format("{} of {}", kind, Printable(std::string(id)));
+  }
+  return kind;
+}
+
 class CityGmlReader {
  public:
   CityGmlReader(const std::filesystem::path& path, std::string_view contents,
@@ -243,25 +262,6 @@ class CityGmlReader {
     std::vector<Vector3d> points;
     for (size_t i = 0; i < numbers.size(); i += 3) points.emplace_back(&numbers[i]);
     return points;
-  }
-
-  // Returns the kind of surface that a polygon is of, as RoofSurface or Window; empty of others.
-  static std::string_view KindOf(xml_node node) {
-    for (; node; node = node.parent()) {
-      const std::string_view above = NameOf(node.parent());
-      if (above == "boundedBy" || above == "opening") return NameOf(node);
-    }
-    return {};
-  }
-
-  // Returns the kind of the element and the nearest name that the file gives.
-  static std::string PlaceOf(xml_node node) {
-    std::string kind(NameOf(node));
-    for (; node; node = node.parent()) {
-      const std::string_view id = AttributeOf(node, "id");
-      if (!id.empty()) return fmt::format("{} of {}", kind, Printable(std::string(id)));
-    }
-    return kind;
   }
 
   const std::filesystem::path& path_;

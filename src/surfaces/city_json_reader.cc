@@ -34,56 +34,57 @@ bool IsInteriorType(std::string_view type) {
          type.ends_with("HollowSpace") || (type.ends_with("Furniture") && type != "CityFurniture");
 }
 
-class CityJsonReader {
+// Returns the type of an object or a geometry; empty where it has none.
+std::string TypeOf(const Json& object) {
+  const auto found = object.find("type");
+  const bool is_text = object.is_object() && found != object.end() && found->is_string();
+  return is_text ? found->get<std::string>() : "";
+}
+
+const Json kNull;
+
+// Return an object's member and a list's item; null where it has none, or is no such thing.
+const Json& MemberOf(const Json& value, const char* name) {
+  const auto found = value.find(name);
+  return found == value.end() ? kNull : *found;
+}
+
+const Json& ItemOf(const Json& value, size_t index) {
+  return value.is_array() && index < value.size() ? value[index] : kNull;
+}
+
+// Where the corners of surfaces are: vertices of the file, or of a template that is moved; and
+// which kinds of surfaces there are.
+struct Vertices {
+  const std::vector<Vector3d>& points;
+  std::optional<Eigen::Matrix<double, 3, 4>> world_from_template;
+  const Json& kinds;
+};
+
+// The geometry that is taken of an object, if it has any.
+struct Chosen {
+  std::string place;
+  const Json* geometry = nullptr;
+  double level = 0;
+};
+
+// Returns whether a building's own geometry gives way to that of its parts; other children, as
+// chimneys, do not replace it.
+bool HasFinerPart(const Json& objects, const Json& object, const Chosen& own,
+                  const std::map<std::string, Chosen>& chosen) {
+  const auto children = object.find("children");
+  if (children == object.end() || !children->is_array()) return false;
+  return std::any_of(children->begin(), children->end(), [&](const Json& child) {
+    const auto found = child.is_string() ? chosen.find(child.get<std::string>()) : chosen.end();
+    return found != chosen.end() && found->second.geometry != nullptr &&
+           found->second.level > own.level && TypeOf(objects[found->first]).ends_with("Part");
+  });
+}
+
+// Returns what JSON holds, or throws an error that names the file and the place.
+class JsonInFile {
  public:
-  CityJsonReader(const std::filesystem::path& path, std::string_view contents,
-                 std::optional<double> level)
-      : path_(path), level_(level), mesh_(path, contents.size()) {
-    // Its parser calls itself for nothing, however deep lists are nested.
-    root_ = Json::parse(contents, nullptr, /*allow_exceptions=*/false);
-    if (!root_.is_object()) {
-      Fail("JSON",
-           "expected one object, the file is damaged, truncated or CityJSONSeq, which `cjseq "
-           "collect` makes CityJSON of");
-    }
-  }
-
-  RawMesh Read() && {
-    if (Text("type", root_, "type") != "CityJSON") Fail("type", "expected \"CityJSON\"");
-    const std::string version = Text("version", root_, "version");
-    if (!version.starts_with("1.") && !version.starts_with("2.")) {
-      Fail("version", "expected 1.0, 1.1 or 2.0");
-    }
-    ReadVertices();
-    const Json& objects = Member("CityObjects", root_, "CityObjects");
-    if (!objects.is_object()) Fail("CityObjects", "expected an object");
-    std::map<std::string, Chosen> chosen;
-    for (const auto& [id, object] : objects.items()) chosen.emplace(id, Choose(id, object));
-    for (const auto& [id, choice] : chosen) {
-      if (choice.geometry != nullptr && !HasFinerPart(objects, objects[id], choice, chosen)) {
-        mesh_.BeginObject(id);
-        AddGeometry(choice.place, *choice.geometry);
-      }
-    }
-    CheckSystem();
-    return std::move(mesh_).Finish();
-  }
-
- private:
-  // Where the corners of surfaces are: vertices of the file, or of a template that is moved; and
-  // which kinds of surfaces there are.
-  struct Vertices {
-    const std::vector<Vector3d>& points;
-    std::optional<Eigen::Matrix<double, 3, 4>> world_from_template;
-    const Json& kinds;
-  };
-
-  // The geometry that is taken of an object, if it has any.
-  struct Chosen {
-    std::string place;
-    const Json* geometry = nullptr;
-    double level = 0;
-  };
+  explicit JsonInFile(const std::filesystem::path& path) : path_(path) {}
 
   [[noreturn]] void Fail(std::string_view place, std::string_view message) const {
     throw InputError(path_, place, message);
@@ -122,6 +123,46 @@ class CityJsonReader {
     return points;
   }
 
+ private:
+  const std::filesystem::path& path_;
+};
+
+class CityJsonReader : JsonInFile {
+ public:
+  CityJsonReader(const std::filesystem::path& path, std::string_view contents,
+                 std::optional<double> level)
+      : JsonInFile(path), level_(level), mesh_(path, contents.size()) {
+    // Its parser calls itself for nothing, however deep lists are nested.
+    root_ = Json::parse(contents, nullptr, /*allow_exceptions=*/false);
+    if (!root_.is_object()) {
+      Fail("JSON",
+           "expected one object, the file is damaged, truncated or CityJSONSeq, which `cjseq "
+           "collect` makes CityJSON of");
+    }
+  }
+
+  RawMesh Read() && {
+    if (Text("type", root_, "type") != "CityJSON") Fail("type", "expected \"CityJSON\"");
+    const std::string version = Text("version", root_, "version");
+    if (!version.starts_with("1.") && !version.starts_with("2.")) {
+      Fail("version", "expected 1.0, 1.1 or 2.0");
+    }
+    ReadVertices();
+    const Json& objects = Member("CityObjects", root_, "CityObjects");
+    if (!objects.is_object()) Fail("CityObjects", "expected an object");
+    std::map<std::string, Chosen> chosen;
+    for (const auto& [id, object] : objects.items()) chosen.emplace(id, Choose(id, object));
+    for (const auto& [id, choice] : chosen) {
+      if (choice.geometry != nullptr && !HasFinerPart(objects, objects[id], choice, chosen)) {
+        mesh_.BeginObject(id);
+        AddGeometry(choice.place, *choice.geometry);
+      }
+    }
+    CheckSystem();
+    return std::move(mesh_).Finish();
+  }
+
+ private:
   void ReadVertices() {
     vertices_ = Points("vertices", Member("vertices", root_, "vertices"));
     const auto transform = root_.find("transform");
@@ -143,13 +184,6 @@ class CityJsonReader {
                                             : std::nullopt;
     if (!level || !std::isfinite(*level)) Fail(place + ".lod", "expected a level as \"2.2\"");
     return *level;
-  }
-
-  // Returns the type of an object or a geometry; empty where it has none.
-  static std::string TypeOf(const Json& object) {
-    const auto found = object.find("type");
-    const bool is_text = object.is_object() && found != object.end() && found->is_string();
-    return is_text ? found->get<std::string>() : "";
   }
 
   // Returns what a geometry is an instance of; null of others.
@@ -187,19 +221,6 @@ class CityJsonReader {
     return chosen ? candidates[*chosen] : Chosen{};
   }
 
-  // Returns whether a building's own geometry gives way to that of its parts; other children, as
-  // chimneys, do not replace it.
-  static bool HasFinerPart(const Json& objects, const Json& object, const Chosen& own,
-                           const std::map<std::string, Chosen>& chosen) {
-    const auto children = object.find("children");
-    if (children == object.end() || !children->is_array()) return false;
-    return std::any_of(children->begin(), children->end(), [&](const Json& child) {
-      const auto found = child.is_string() ? chosen.find(child.get<std::string>()) : chosen.end();
-      return found != chosen.end() && found->second.geometry != nullptr &&
-             found->second.level > own.level && TypeOf(objects[found->first]).ends_with("Part");
-    });
-  }
-
   void AddGeometry(const std::string& place, const Json& geometry) {
     const Json* const model = TemplateOf(place, geometry);
     const Json& shape = model == nullptr ? geometry : *model;
@@ -215,15 +236,6 @@ class CityJsonReader {
       AddSurfaces(place + ".boundaries", boundaries, lists,
                   {TemplateVertices(), WorldFromTemplate(place, geometry), kinds}, values);
     }
-  }
-
-  // Return an object's member and a list's item; null where it has none, or is no such thing.
-  static const Json& MemberOf(const Json& value, const char* name) {
-    const auto found = value.find(name);
-    return found == value.end() ? kNull : *found;
-  }
-  static const Json& ItemOf(const Json& value, size_t index) {
-    return value.is_array() && index < value.size() ? value[index] : kNull;
   }
 
   // Returns the vertices of all templates, which the first instance of one reads.
@@ -299,9 +311,6 @@ class CityJsonReader {
     mesh_.CheckPlace("metadata.referenceSystem", system->get<std::string>());
   }
 
-  static inline const Json kNull;
-
-  const std::filesystem::path& path_;
   std::optional<double> level_;
   CityMesh mesh_;
   Json root_;

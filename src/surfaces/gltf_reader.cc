@@ -88,55 +88,28 @@ std::vector<uint32_t> ToTriangles(uint64_t mode, std::vector<uint32_t> corners) 
   return triangles;
 }
 
-class GltfReader {
- public:
-  GltfReader(const std::filesystem::path& path, std::string_view contents, GltfPlace place,
-             const Eigen::Matrix3d& z_up_from_gltf)
-      : path_(path), file_(path, contents, place), z_up_from_gltf_(z_up_from_gltf) {}
-
-  RawMesh Read(std::span<const Affine3d> copies) {
-    RequireKnownExtensions();
-    for (size_t i = 0; i < file_.CountItems("materials"); ++i) {
-      AddMaterial(file_.Item("materials", i));
-    }
-    // What primitives without one are like, the last of all.
-    uv_uses_.emplace_back();
-    if (!mesh_.materials.empty()) mesh_.materials.push_back({.color_rgb = kWhite});
-    std::map<size_t, size_t> uses;
-    std::vector<GltfInstance> placed = PlaceMeshes(path_, file_, z_up_from_gltf_, copies);
-    for (const GltfInstance& mesh : placed) ++uses[mesh.index];
-    std::map<size_t, std::vector<Primitive>> read;  // while they are placed again
-    for (GltfInstance& mesh : placed) {
-      mesh_.parts.push_back(std::move(mesh.name));
-      const auto [entry, is_new] = read.try_emplace(mesh.index);
-      if (is_new) entry->second = ReadMesh(mesh.index);
-      for (const Primitive& part : entry->second) Add(part, mesh.root_from_mesh);
-      if (--uses[mesh.index] == 0) read.erase(entry);
-    }
-    if (!mesh_.uvs.empty()) mesh_.uvs.resize(mesh_.positions.size(), {0, 0});
-    if (!mesh_.position_colors.empty()) {
-      mesh_.position_colors.resize(mesh_.positions.size(), kWhite);
-    }
-    return std::move(mesh_);
-  }
-
- private:
-  void RequireKnownExtensions() const {
-    IfThere(file_.root(), {"extensionsRequired"}, [](const JsonPlace& required) {
-      for (size_t i = 0; i < required.ArraySize(); ++i) {
-        const std::string name = required.At(i).String();
-        if (name.starts_with("KHR_materials_") ||
-            std::find(kKnownExtensions.begin(), kKnownExtensions.end(), name) !=
-                kKnownExtensions.end()) {
-          continue;
-        }
-        required.Fail(
-            fmt::format("the file requires {}, which is not read; write it without", name));
+void RequireKnownExtensions(const GltfFile& file) {
+  IfThere(file.root(), {"extensionsRequired"}, [](const JsonPlace& required) {
+    for (size_t i = 0; i < required.ArraySize(); ++i) {
+      const std::string name = required.At(i).String();
+      if (name.starts_with("KHR_materials_") ||
+          std::find(kKnownExtensions.begin(), kKnownExtensions.end(), name) !=
+              kKnownExtensions.end()) {
+        continue;
       }
-    });
-  }
+      required.Fail(fmt::format("the file requires {}, which is not read; write it without", name));
+    }
+  });
+}
 
-  void AddMaterial(const JsonPlace& material) {
+// Reads materials and their pictures into a mesh.
+class MaterialReader {
+ public:
+  // All must outlive it.
+  MaterialReader(const std::filesystem::path& path, GltfFile& file, RawMesh& mesh)
+      : path_(path), file_(file), mesh_(mesh) {}
+
+  void Add(const JsonPlace& material) {
     RawMesh::Material added{.color_rgb = kWhite};
     UvUse use;
     const auto take = [&](const JsonPlace& part, std::string_view texture, std::string_view color) {
@@ -159,6 +132,16 @@ class GltfReader {
     uv_uses_.push_back(use);
   }
 
+  // Adds what primitives without a material are like, after the others.
+  void AddNone() {
+    uv_uses_.emplace_back();
+    if (!mesh_.materials.empty()) mesh_.materials.push_back({.color_rgb = kWhite});
+  }
+
+  // How the coordinates in the picture are found, of each material, and of none.
+  const UvUse& UvUseOfMaterial(size_t index) const { return uv_uses_[index]; }
+
+ private:
   // Returns the index of its picture; -1 where it has none that can be read.
   int32_t Texture(size_t index) {
     const JsonPlace texture = file_.Item("textures", index);
@@ -191,6 +174,44 @@ class GltfReader {
     return AddTexture(path_, fmt::format("images[{}]", index), DecodeTexture(bytes), mesh_);
   }
 
+  const std::filesystem::path& path_;
+  GltfFile& file_;
+  RawMesh& mesh_;
+  std::vector<UvUse> uv_uses_;
+  std::map<size_t, int32_t> texture_of_image_;
+};
+
+class GltfReader {
+ public:
+  GltfReader(const std::filesystem::path& path, std::string_view contents, GltfPlace place,
+             const Eigen::Matrix3d& z_up_from_gltf)
+      : path_(path), file_(path, contents, place), z_up_from_gltf_(z_up_from_gltf) {}
+
+  RawMesh Read(std::span<const Affine3d> copies) {
+    RequireKnownExtensions(file_);
+    for (size_t i = 0; i < file_.CountItems("materials"); ++i) {
+      materials_.Add(file_.Item("materials", i));
+    }
+    materials_.AddNone();
+    std::map<size_t, size_t> uses;
+    std::vector<GltfInstance> placed = PlaceMeshes(path_, file_, z_up_from_gltf_, copies);
+    for (const GltfInstance& mesh : placed) ++uses[mesh.index];
+    std::map<size_t, std::vector<Primitive>> read;  // while they are placed again
+    for (GltfInstance& mesh : placed) {
+      mesh_.parts.push_back(std::move(mesh.name));
+      const auto [entry, is_new] = read.try_emplace(mesh.index);
+      if (is_new) entry->second = ReadMesh(mesh.index);
+      for (const Primitive& part : entry->second) Add(part, mesh.root_from_mesh);
+      if (--uses[mesh.index] == 0) read.erase(entry);
+    }
+    if (!mesh_.uvs.empty()) mesh_.uvs.resize(mesh_.positions.size(), {0, 0});
+    if (!mesh_.position_colors.empty()) {
+      mesh_.position_colors.resize(mesh_.positions.size(), kWhite);
+    }
+    return std::move(mesh_);
+  }
+
+ private:
   std::vector<Primitive> ReadMesh(size_t index) {
     std::vector<Primitive> parts;
     const JsonPlace mesh = file_.Item("meshes", index);
@@ -215,7 +236,8 @@ class GltfReader {
     IfThere(place, {"material"}, [&](const JsonPlace& material) {
       primitive.material = file_.Index("materials", material);
     });
-    const std::string uv_name = fmt::format("TEXCOORD_{}", uv_uses_[primitive.material].set);
+    const std::string uv_name =
+        fmt::format("TEXCOORD_{}", materials_.UvUseOfMaterial(primitive.material).set);
     const JsonPlace attributes = place.Member("attributes");
     const std::array<Wanted, 3> wanted = {{{"POSITION", 3, &primitive.positions},
                                            {uv_name, 2, &primitive.uvs},
@@ -315,7 +337,7 @@ class GltfReader {
   void AddUvs(const Primitive& primitive, size_t first) {
     if (primitive.uvs.count() == 0) return;
     mesh_.uvs.resize(first, {0, 0});
-    const Eigen::Affine2d& transform = uv_uses_[primitive.material].uv_transform;
+    const Eigen::Affine2d& transform = materials_.UvUseOfMaterial(primitive.material).uv_transform;
     for (size_t i = 0; i < primitive.uvs.count(); ++i) {
       const Eigen::Vector2d down = transform * ItemOf<2>(primitive.uvs, i);
       mesh_.uvs.push_back(Eigen::Vector2d(down.x(), 1 - down.y()).cast<float>());
@@ -336,8 +358,7 @@ class GltfReader {
   GltfFile file_;
   const Eigen::Matrix3d z_up_from_gltf_;
   RawMesh mesh_;
-  std::vector<UvUse> uv_uses_;  // of each material, and of none
-  std::map<size_t, int32_t> texture_of_image_;
+  MaterialReader materials_{path_, file_, mesh_};
   size_t num_read_ = 0, num_placed_ = 0;  // vertices and triangles
 };
 

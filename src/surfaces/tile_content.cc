@@ -34,6 +34,126 @@ void Move(const Affine3d& root_from_gltf, RawMesh& mesh) {
   for (auto& triangle : mesh.triangles) std::swap(triangle[1], triangle[2]);
 }
 
+// Unit vectors from points of an octahedron (Cigolle et al. 2014, Section 3.3).
+std::vector<double> FromOct(const std::vector<double>& numbers) {
+  std::vector<double> vectors;
+  for (size_t i = 0; i + 1 < numbers.size(); i += 2) {
+    const double x = 2 * numbers[i] / UINT16_MAX - 1, y = 2 * numbers[i + 1] / UINT16_MAX - 1;
+    Vector3d v(x, y, 1 - std::abs(x) - std::abs(y));
+    if (v.z() < 0) {
+      v.head<2>() << std::copysign(1 - std::abs(y), x), std::copysign(1 - std::abs(x), y);
+    }
+    v.normalize();
+    vectors.insert(vectors.end(), v.begin(), v.end());
+  }
+  return vectors;
+}
+
+// The axes east, north and up of WGS 84's ellipsoid.
+Eigen::Matrix3d EastNorthUp(const Vector3d& place) {
+  constexpr double kA = 6378137, kB = 6356752.314245179;
+  Eigen::Matrix3d axes;
+  const Vector3d up = place.cwiseQuotient(Vector3d(kA * kA, kA * kA, kB * kB)).normalized();
+  const bool is_pole = place.head<2>().isZero(0);
+  const Vector3d east =
+      is_pole ? Vector3d::UnitY() : Vector3d(-place.y(), place.x(), 0).normalized();
+  axes << east, up.cross(east), up;
+  return axes;
+}
+
+// What a tile says of itself and of its instances.
+class FeatureTable {
+ public:
+  // Both must outlive it.
+  FeatureTable(const JsonPlace& root, std::string_view binary) : root_(root), binary_(binary) {}
+
+  Vector3d Center() const {
+    return root_.Has("RTC_CENTER") ? CartesianOf("RTC_CENTER") : Vector3d::Zero();
+  }
+
+  // Returns where each instance stands, in the axes of the glTF.
+  std::vector<Affine3d> InstancePlaces(const Eigen::Matrix3d& z_up_from_gltf) const {
+    const JsonPlace length = root_.Member("INSTANCES_LENGTH");
+    const double claimed =
+        length.IsNumber() ? length.Number() : Features("INSTANCES_LENGTH", uint32_t{}, 1)[0];
+    if (!(claimed >= 0 && claimed <= UINT32_MAX)) length.Fail("expected a number of instances");
+    const auto count = static_cast<size_t>(claimed);
+    const auto read = [&](std::string_view name, auto number, size_t components) {
+      return Features(name, number, count * components);
+    };
+    std::vector<double> positions = read("POSITION", float{}, 3);
+    if (positions.empty()) {
+      positions = Dequantized(read("POSITION_QUANTIZED", uint16_t{}, 3));
+    }
+    std::vector<double> up = read("NORMAL_UP", float{}, 3),
+                        right = read("NORMAL_RIGHT", float{}, 3);
+    if (up.empty()) up = FromOct(read("NORMAL_UP_OCT32P", uint16_t{}, 2));
+    if (right.empty()) right = FromOct(read("NORMAL_RIGHT_OCT32P", uint16_t{}, 2));
+    const std::vector<double> scale = read("SCALE", float{}, 1);
+    const std::vector<double> scales = read("SCALE_NON_UNIFORM", float{}, 3);
+    const bool is_on_earth = root_.Has("EAST_NORTH_UP") && root_.Member("EAST_NORTH_UP").Bool();
+    if (positions.empty() && count > 0) root_.Fail("expected POSITION or POSITION_QUANTIZED");
+    if (up.empty() != right.empty()) root_.Fail("expected NORMAL_UP and NORMAL_RIGHT, or neither");
+    const Vector3d center = Center();
+    std::vector<Affine3d> places;
+    for (size_t i = 0; i < count; ++i) {
+      const auto item = [&](const std::vector<double>& v) { return Vector3d(&v[3 * i]); };
+      Affine3d place(Eigen::Translation3d(item(positions)));
+      if (!up.empty()) {
+        place.linear() << item(right), item(up), item(right).cross(item(up));
+      } else if (is_on_earth) {
+        place.linear() = EastNorthUp(center + item(positions));
+      }
+      if (!scales.empty()) place.scale(item(scales));
+      if (!scale.empty()) place.scale(scale[i]);
+      const Affine3d z_up(z_up_from_gltf);
+      places.push_back(z_up.inverse() * place * z_up);
+    }
+    return places;
+  }
+
+ private:
+  // Returns `count` numbers of a feature; none where the tile does not have it.
+  template <typename T>
+  std::vector<double> Features(std::string_view name, T number, size_t count) const {
+    if (!root_.Has(name)) return {};
+    const JsonPlace feature = root_.Member(name);
+    const JsonPlace place = feature.Member("byteOffset");
+    const int offset = place.Int();
+    if (offset < 0 || static_cast<size_t>(offset) > binary_.size() ||
+        count > (binary_.size() - static_cast<size_t>(offset)) / sizeof(T)) {
+      place.Fail(fmt::format("expected {} numbers in {} bytes", count, binary_.size()));
+    }
+    std::vector<double> numbers(count);
+    for (size_t i = 0; i < count; ++i) {
+      std::memcpy(&number, binary_.data() + offset + i * sizeof(T), sizeof(T));
+      numbers[i] = static_cast<double>(number);
+    }
+    return numbers;
+  }
+
+  std::vector<double> Dequantized(std::vector<double> numbers) const {
+    if (numbers.empty()) return numbers;
+    const Vector3d low = CartesianOf("QUANTIZED_VOLUME_OFFSET");
+    const Vector3d size = CartesianOf("QUANTIZED_VOLUME_SCALE");
+    for (size_t i = 0; i < numbers.size(); ++i) {
+      const auto axis = static_cast<Eigen::Index>(i % 3);
+      numbers[i] = low[axis] + size[axis] * numbers[i] / UINT16_MAX;
+    }
+    return numbers;
+  }
+
+  // Three numbers, or where they are as floats.
+  Vector3d CartesianOf(std::string_view name) const {
+    const JsonPlace place = root_.Member(name);
+    if (place.IsArray()) return place.Vector<3>();
+    return Vector3d(Features(name, float{}, 3).data());
+  }
+
+  const JsonPlace& root_;
+  std::string_view binary_;
+};
+
 class TileReader {
  public:
   explicit TileReader(const TileContent& content) : content_(content) {}
@@ -128,7 +248,8 @@ class TileReader {
     Vector3d center = Vector3d::Zero();
     if (parts.tables[0].find('{') != std::string_view::npos) {
       const JsonDocument document(parts.tables[0], content_.file);
-      center = CenterOf(document.Root(), parts.tables[1]);
+      const JsonPlace root = document.Root();
+      center = FeatureTable(root, parts.tables[1]).Center();
     }
     AddPart(glb, center, {});
   }
@@ -139,9 +260,10 @@ class TileReader {
     const Parts parts = PartsOf(bytes, kFormat + 4);
     const JsonDocument document(parts.tables[0], content_.file);
     const JsonPlace root = document.Root();
-    const std::vector<Affine3d> places = InstancePlaces(root, parts.tables[1]);
+    const FeatureTable table(root, parts.tables[1]);
+    const std::vector<Affine3d> places = table.InstancePlaces(content_.z_up_from_gltf);
     if (places.empty()) return;
-    const Vector3d center = CenterOf(root, parts.tables[1]);
+    const Vector3d center = table.Center();
     const uint32_t format = Number(bytes, kFormat);
     if (format > 1) throw InputError(content_.file, "expected the glTF's format 0 or 1");
     if (format == 1) return AddPart(GlbIn(parts.rest), center, places);
@@ -157,119 +279,6 @@ class TileReader {
     } catch (const InputError& error) {
       throw InputError(content_.file, error.what());
     }
-  }
-
-  // Returns where each instance stands, in the axes of the glTF.
-  std::vector<Affine3d> InstancePlaces(const JsonPlace& root, std::string_view binary) const {
-    const JsonPlace length = root.Member("INSTANCES_LENGTH");
-    const double claimed = length.IsNumber()
-                               ? length.Number()
-                               : Features(root, "INSTANCES_LENGTH", binary, uint32_t{}, 1)[0];
-    if (!(claimed >= 0 && claimed <= UINT32_MAX)) length.Fail("expected a number of instances");
-    const auto count = static_cast<size_t>(claimed);
-    const auto read = [&](std::string_view name, auto number, size_t components) {
-      return Features(root, name, binary, number, count * components);
-    };
-    std::vector<double> positions = read("POSITION", float{}, 3);
-    if (positions.empty()) {
-      positions = Dequantized(root, binary, read("POSITION_QUANTIZED", uint16_t{}, 3));
-    }
-    std::vector<double> up = read("NORMAL_UP", float{}, 3),
-                        right = read("NORMAL_RIGHT", float{}, 3);
-    if (up.empty()) up = FromOct(read("NORMAL_UP_OCT32P", uint16_t{}, 2));
-    if (right.empty()) right = FromOct(read("NORMAL_RIGHT_OCT32P", uint16_t{}, 2));
-    const std::vector<double> scale = read("SCALE", float{}, 1);
-    const std::vector<double> scales = read("SCALE_NON_UNIFORM", float{}, 3);
-    const bool is_on_earth = root.Has("EAST_NORTH_UP") && root.Member("EAST_NORTH_UP").Bool();
-    if (positions.empty() && count > 0) root.Fail("expected POSITION or POSITION_QUANTIZED");
-    if (up.empty() != right.empty()) root.Fail("expected NORMAL_UP and NORMAL_RIGHT, or neither");
-    const Vector3d center = CenterOf(root, binary);
-    std::vector<Affine3d> places;
-    for (size_t i = 0; i < count; ++i) {
-      const auto item = [&](const std::vector<double>& v) { return Vector3d(&v[3 * i]); };
-      Affine3d place(Eigen::Translation3d(item(positions)));
-      if (!up.empty()) {
-        place.linear() << item(right), item(up), item(right).cross(item(up));
-      } else if (is_on_earth) {
-        place.linear() = EastNorthUp(center + item(positions));
-      }
-      if (!scales.empty()) place.scale(item(scales));
-      if (!scale.empty()) place.scale(scale[i]);
-      const Affine3d z_up(content_.z_up_from_gltf);
-      places.push_back(z_up.inverse() * place * z_up);
-    }
-    return places;
-  }
-
-  // Returns `count` numbers of a feature; none where the tile does not have it.
-  template <typename T>
-  std::vector<double> Features(const JsonPlace& root, std::string_view name,
-                               std::string_view binary, T number, size_t count) const {
-    if (!root.Has(name)) return {};
-    const JsonPlace feature = root.Member(name);
-    const JsonPlace place = feature.Member("byteOffset");
-    const int offset = place.Int();
-    if (offset < 0 || static_cast<size_t>(offset) > binary.size() ||
-        count > (binary.size() - static_cast<size_t>(offset)) / sizeof(T)) {
-      place.Fail(fmt::format("expected {} numbers in {} bytes", count, binary.size()));
-    }
-    std::vector<double> numbers(count);
-    for (size_t i = 0; i < count; ++i) {
-      std::memcpy(&number, binary.data() + offset + i * sizeof(T), sizeof(T));
-      numbers[i] = static_cast<double>(number);
-    }
-    return numbers;
-  }
-
-  std::vector<double> Dequantized(const JsonPlace& root, std::string_view binary,
-                                  std::vector<double> numbers) const {
-    if (numbers.empty()) return numbers;
-    const Vector3d low = CartesianOf(root, "QUANTIZED_VOLUME_OFFSET", binary);
-    const Vector3d size = CartesianOf(root, "QUANTIZED_VOLUME_SCALE", binary);
-    for (size_t i = 0; i < numbers.size(); ++i) {
-      const auto axis = static_cast<Eigen::Index>(i % 3);
-      numbers[i] = low[axis] + size[axis] * numbers[i] / UINT16_MAX;
-    }
-    return numbers;
-  }
-
-  // Unit vectors from points of an octahedron (Cigolle et al. 2014, Section 3.3).
-  static std::vector<double> FromOct(const std::vector<double>& numbers) {
-    std::vector<double> vectors;
-    for (size_t i = 0; i + 1 < numbers.size(); i += 2) {
-      const double x = 2 * numbers[i] / UINT16_MAX - 1, y = 2 * numbers[i + 1] / UINT16_MAX - 1;
-      Vector3d v(x, y, 1 - std::abs(x) - std::abs(y));
-      if (v.z() < 0) {
-        v.head<2>() << std::copysign(1 - std::abs(y), x), std::copysign(1 - std::abs(x), y);
-      }
-      v.normalize();
-      vectors.insert(vectors.end(), v.begin(), v.end());
-    }
-    return vectors;
-  }
-
-  // The axes east, north and up of WGS 84's ellipsoid.
-  static Eigen::Matrix3d EastNorthUp(const Vector3d& place) {
-    constexpr double kA = 6378137, kB = 6356752.314245179;
-    Eigen::Matrix3d axes;
-    const Vector3d up = place.cwiseQuotient(Vector3d(kA * kA, kA * kA, kB * kB)).normalized();
-    const bool is_pole = place.head<2>().isZero(0);
-    const Vector3d east =
-        is_pole ? Vector3d::UnitY() : Vector3d(-place.y(), place.x(), 0).normalized();
-    axes << east, up.cross(east), up;
-    return axes;
-  }
-
-  // Three numbers, or where they are as floats.
-  Vector3d CartesianOf(const JsonPlace& root, std::string_view name,
-                       std::string_view binary) const {
-    const JsonPlace place = root.Member(name);
-    if (place.IsArray()) return place.Vector<3>();
-    return Vector3d(Features(root, name, binary, float{}, 3).data());
-  }
-
-  Vector3d CenterOf(const JsonPlace& root, std::string_view binary) const {
-    return root.Has("RTC_CENTER") ? CartesianOf(root, "RTC_CENTER", binary) : Vector3d::Zero();
   }
 
   void AddPart(std::string_view glb, const Vector3d& center, std::span<const Affine3d> copies) {

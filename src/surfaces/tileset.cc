@@ -144,6 +144,46 @@ struct Showing {
   bool content = false, children = false;
 };
 
+Refine RefineOf(const JsonPlace& place) {
+  const std::string name = Lower(place.String());
+  if (name == "add") return Refine::kAdd;
+  if (name == "replace") return Refine::kReplace;
+  place.Fail("expected ADD or REPLACE");
+}
+
+// A tree of implicit tiles, and what its tiles' files are named by.
+struct ImplicitTiles {
+  ImplicitTree tree;
+  std::string subtree_uri;
+  std::vector<std::string> content_uris;
+  Branch branch;
+  double error;  // of the root
+};
+
+// A tile's place in the whole tree.
+struct TilePlace {
+  int level = 0;
+  uint64_t x = 0, y = 0, z = 0;
+};
+
+int Levels(const JsonPlace& tiling, std::string_view name, int most) {
+  const JsonPlace place = tiling.Member(name);
+  const int levels = place.Int();
+  if (levels < 0 || levels > most) place.Fail(fmt::format("expected a number up to {}", most));
+  return levels;
+}
+
+std::string Filled(std::string text, const TilePlace& at) {
+  const std::array<std::pair<std::string_view, uint64_t>, 4> values = {
+      {{"{level}", static_cast<uint64_t>(at.level)}, {"{x}", at.x}, {"{y}", at.y}, {"{z}", at.z}}};
+  for (const auto& [name, value] : values) {
+    for (size_t i = text.find(name); i != std::string::npos; i = text.find(name)) {
+      text.replace(i, name.size(), std::to_string(value));
+    }
+  }
+  return text;
+}
+
 class TilesetWalk {
  public:
   TilesetWalk(const path& root_file, double max_error)
@@ -214,13 +254,6 @@ class TilesetWalk {
     return {.content = !descends || refine == Refine::kAdd, .children = descends};
   }
 
-  static Refine RefineOf(const JsonPlace& place) {
-    const std::string name = Lower(place.String());
-    if (name == "add") return Refine::kAdd;
-    if (name == "replace") return Refine::kReplace;
-    place.Fail("expected ADD or REPLACE");
-  }
-
   void Count(const JsonPlace& place) {
     if (++num_tiles_ > kMaxTiles)
       place.Fail(fmt::format("there are more than {} tiles", kMaxTiles));
@@ -256,32 +289,11 @@ class TilesetWalk {
 
   // ---- implicit tiling ----
 
-  struct Implicit {
-    ImplicitTree tree;
-    std::string subtree_uri;
-    std::vector<std::string> content_uris;
-    Branch branch;
-    double error;  // of the root
-  };
-
-  // A tile by its place in the whole tree.
-  struct Place {
-    int level = 0;
-    uint64_t x = 0, y = 0, z = 0;
-  };
-
-  static int Levels(const JsonPlace& tiling, std::string_view name, int most) {
-    const JsonPlace place = tiling.Member(name);
-    const int levels = place.Int();
-    if (levels < 0 || levels > most) place.Fail(fmt::format("expected a number up to {}", most));
-    return levels;
-  }
-
   void ReadImplicit(const JsonPlace& tile, const JsonPlace& holder, const Branch& branch,
                     double error) {
     const JsonPlace tiling =
         holder.Member(holder.Has("implicitTiling") ? "implicitTiling" : "3DTILES_implicit_tiling");
-    Implicit implicit{
+    ImplicitTiles implicit{
         .tree = {}, .subtree_uri = {}, .content_uris = {}, .branch = branch, .error = error};
     const JsonPlace scheme = tiling.Member("subdivisionScheme");
     implicit.tree.is_octree = scheme.String() == "OCTREE";
@@ -303,21 +315,7 @@ class TilesetWalk {
     ReadSubtreeAt(tiling, implicit, {});
   }
 
-  static std::string Filled(std::string text, const Place& at) {
-    const std::array<std::pair<std::string_view, uint64_t>, 4> values = {
-        {{"{level}", static_cast<uint64_t>(at.level)},
-         {"{x}", at.x},
-         {"{y}", at.y},
-         {"{z}", at.z}}};
-    for (const auto& [name, value] : values) {
-      for (size_t i = text.find(name); i != std::string::npos; i = text.find(name)) {
-        text.replace(i, name.size(), std::to_string(value));
-      }
-    }
-    return text;
-  }
-
-  void ReadSubtreeAt(const JsonPlace& tiling, const Implicit& implicit, const Place& at) {
+  void ReadSubtreeAt(const JsonPlace& tiling, const ImplicitTiles& implicit, const TilePlace& at) {
     const path file = Resolved(tiling, Filled(implicit.subtree_uri, at), open_.back().file);
     CountUse(tiling, file);
     const Subtree subtree =
@@ -327,8 +325,8 @@ class TilesetWalk {
   }
 
   // `level` and `code` are of the tile within its subtree.
-  void ReadImplicitTile(const JsonPlace& tiling, const Implicit& implicit, const Subtree& subtree,
-                        const Place& at, int level, uint64_t code) {
+  void ReadImplicitTile(const JsonPlace& tiling, const ImplicitTiles& implicit,
+                        const Subtree& subtree, const TilePlace& at, int level, uint64_t code) {
     Count(tiling);
     const ImplicitTree& tree = implicit.tree;
     const uint64_t index = tree.FirstOfLevel(level) + code;
@@ -354,8 +352,8 @@ class TilesetWalk {
     }
     for (uint64_t child = 0; shown.children && child < num_children; ++child) {
       if (!has_child(child)) continue;
-      const Place below{at.level + 1, at.x << 1 | (child & 1), at.y << 1 | (child >> 1 & 1),
-                        at.z << 1 | child >> 2};
+      const TilePlace below{at.level + 1, at.x << 1 | (child & 1), at.y << 1 | (child >> 1 & 1),
+                            at.z << 1 | child >> 2};
       if (is_last) {
         ReadSubtreeAt(tiling, implicit, below);
       } else {

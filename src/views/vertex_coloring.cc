@@ -235,6 +235,44 @@ class Pyramid {
   std::vector<cv::Mat> levels_;  // RGB
 };
 
+std::vector<Sample>::const_iterator Worst(const std::vector<Sample>& kept) {
+  return std::min_element(kept.begin(), kept.end(),
+                          [](const Sample& a, const Sample& b) { return a.weight < b.weight; });
+}
+
+bool IsWanted(const Sample& sample, const std::vector<Sample>& kept) {
+  return sample.weight > 0 && (kept.size() < kMaxSamples || sample.weight > Worst(kept)->weight);
+}
+
+void Keep(const Sample& sample, std::vector<Sample>& kept) {
+  if (kept.size() == kMaxSamples) kept.erase(Worst(kept));
+  kept.push_back(sample);
+}
+
+// The mean of what agrees with the median.
+std::array<uint8_t, 3> Blended(std::span<const Sample> samples, std::span<const Vector3d> factors) {
+  std::array<uint8_t, 3> color;
+  for (int c = 0; c < 3; ++c) {
+    std::vector<WeightedValue> values, deviations;
+    for (const Sample& sample : samples) {
+      values.push_back({sample.rgb[c] * factors[sample.photograph][c], sample.weight});
+    }
+    const double median = WeightedMedian(values);
+    for (const WeightedValue& value : values) {
+      deviations.push_back({std::abs(value.value - median), value.weight});
+    }
+    const double far = kFarDeviations * std::max(kLeastDeviation, WeightedMedian(deviations));
+    double sum = 0, total = 0;
+    for (const WeightedValue& value : values) {
+      if (std::abs(value.value - median) > far) continue;
+      sum += value.weight * value.value;
+      total += value.weight;
+    }
+    color[static_cast<size_t>(c)] = NearestByte(sum / total);
+  }
+  return color;
+}
+
 class Coloring {
  public:
   Coloring(const TriangleMesh& mesh, const RayCaster& surface,
@@ -378,43 +416,6 @@ class Coloring {
       candidate.sample.rgb = pyramid.At(candidate.pixel, candidate.sample.spacing_px);
       Keep(candidate.sample, samples_[candidate.vertex]);
     }
-  }
-
-  static bool IsWanted(const Sample& sample, const std::vector<Sample>& kept) {
-    return sample.weight > 0 && (kept.size() < kMaxSamples || sample.weight > Worst(kept)->weight);
-  }
-  static std::vector<Sample>::const_iterator Worst(const std::vector<Sample>& kept) {
-    return std::min_element(kept.begin(), kept.end(),
-                            [](const Sample& a, const Sample& b) { return a.weight < b.weight; });
-  }
-  static void Keep(const Sample& sample, std::vector<Sample>& kept) {
-    if (kept.size() == kMaxSamples) kept.erase(Worst(kept));
-    kept.push_back(sample);
-  }
-
-  // The mean of what agrees with the median.
-  static std::array<uint8_t, 3> Blended(std::span<const Sample> samples,
-                                        std::span<const Vector3d> factors) {
-    std::array<uint8_t, 3> color;
-    for (int c = 0; c < 3; ++c) {
-      std::vector<WeightedValue> values, deviations;
-      for (const Sample& sample : samples) {
-        values.push_back({sample.rgb[c] * factors[sample.photograph][c], sample.weight});
-      }
-      const double median = WeightedMedian(values);
-      for (const WeightedValue& value : values) {
-        deviations.push_back({std::abs(value.value - median), value.weight});
-      }
-      const double far = kFarDeviations * std::max(kLeastDeviation, WeightedMedian(deviations));
-      double sum = 0, total = 0;
-      for (const WeightedValue& value : values) {
-        if (std::abs(value.value - median) > far) continue;
-        sum += value.weight * value.value;
-        total += value.weight;
-      }
-      color[static_cast<size_t>(c)] = NearestByte(sum / total);
-    }
-    return color;
   }
 
   std::array<uint8_t, 3> MeanAround(uint32_t vertex, const std::vector<bool>& known,

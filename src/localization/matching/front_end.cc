@@ -128,20 +128,74 @@ VladIndex IndexOf(const MapPointer& map, const std::vector<PosedImage>& referenc
   return {std::move(names), *std::move(vectors)};
 }
 
+// The references' vectors, by which those are found that look like a query.
+class ReferenceVectors {
+ public:
+  // `options` and `references` must outlive it; `map` is null where they are of no packed map.
+  ReferenceVectors(const FrontEndOptions& options, MapPointer map,
+                   const std::vector<PosedImage>& references,
+                   std::shared_ptr<const FeatureStore> features)
+      : options_(options),
+        map_(std::move(map)),
+        references_(references),
+        features_(std::move(features)) {}
+
+  // Makes the index when it is first wanted: other ways to retrieve need none.
+  const std::shared_ptr<const VladIndex>& Index() const {
+    std::call_once(index_is_made_, [this] {
+      index_ = std::make_shared<const VladIndex>(
+          ReadOpened([this] { return IndexOf(map_, references_, *features_, options_); }));
+    });
+    return index_;
+  }
+
+  // `photograph` is null where only the features are there.
+  Eigen::VectorXf VectorOf(const std::string& query, const Image* photograph,
+                           const Features& features) const {
+    if (!options_.descriptor) return Index()->VectorOf(features);
+    if (photograph == nullptr) {
+      throw InputError("the features of " + query +
+                       " are in memory: the global descriptor takes photographs");
+    }
+    return options_.descriptor(*photograph);
+  }
+
+  RetrievedLists BestOf(std::span<const ImageFile> queries) const {
+    std::vector<std::string> names;
+    for (const ImageFile& query : queries) names.push_back(query.name);
+    if (!options_.descriptor) {
+      return RetrieveByVlad(*Index(), names, *features_, options_.top_k, options_.threads);
+    }
+    return Index()->Best(names, ReadOpened([&] { return Describe(queries, options_); }),
+                         options_.top_k, options_.threads);
+  }
+
+ private:
+  const FrontEndOptions& options_;
+  const MapPointer map_;
+  const std::vector<PosedImage>& references_;
+  const std::shared_ptr<const FeatureStore> features_;
+  mutable std::once_flag index_is_made_;
+  mutable std::shared_ptr<const VladIndex> index_;
+};
+
 class FrontEndMatches final : public MatchSource {
  public:
   FrontEndMatches(const FrontEndOptions& options, const ReferenceSet& references,
                   const std::vector<Query>& queries)
-      : options_(options), map_(references.map), references_(references.images) {
+      : options_(options), references_(references.images) {
     for (const PosedImage& image : references_) reference_names_.insert(image.name);
-    features_ = ExtractOrReadFeatures(ImagesOf(options, references, queries),
-                                      CacheOf(options, map_), std::move(options_.features));
+    features_ =
+        ExtractOrReadFeatures(ImagesOf(options, references, queries),
+                              CacheOf(options, references.map), std::move(options_.features));
     for (const Query& query : queries) {
       RequireSizeOf(query.camera, query.name, features_->SizeOf(query.name),
                     options_.query_images / query.name);
     }
+    vectors_ =
+        std::make_unique<const ReferenceVectors>(options_, references.map, references_, features_);
     Retrieve(queries);
-    if (options.max_joined) joined_ = std::make_unique<JoinedRetrieval>(Index());
+    if (options.max_joined) joined_ = std::make_unique<JoinedRetrieval>(vectors_->Index());
   }
 
   QueryMatches Match(const Query& query) const override {
@@ -169,8 +223,9 @@ class FrontEndMatches final : public MatchSource {
 
   // References are retrieved by their vectors, in whatever way the queries' are.
   QueryMatches MatchReference(const Query& reference) const override {
-    return MatchWith(reference, nullptr, *features_->Get(reference.name),
-                     MostAlike(reference.name, Index()->VectorOfReference(reference.name)));
+    return MatchWith(
+        reference, nullptr, *features_->Get(reference.name),
+        MostAlike(reference.name, vectors_->Index()->VectorOfReference(reference.name)));
   }
 
   void Join(const PosedImage& localized_query) override {
@@ -192,22 +247,12 @@ class FrontEndMatches final : public MatchSource {
                     query.name);
     }
     return MatchWith(query, photograph, {features, CanonicalKeypoints(features.keypoints_px)},
-                     MostAlike(query.name, VectorOf(query.name, photograph, features)));
-  }
-
-  Eigen::VectorXf VectorOf(const std::string& query, const Image* photograph,
-                           const Features& features) const {
-    if (!options_.descriptor) return Index()->VectorOf(features);
-    if (photograph == nullptr) {
-      throw InputError("the features of " + query +
-                       " are in memory: the global descriptor takes photographs");
-    }
-    return options_.descriptor(*photograph);
+                     MostAlike(query.name, vectors_->VectorOf(query.name, photograph, features)));
   }
 
   std::vector<int> MostAlike(const std::string& query, const Eigen::MatrixXf& vector) const {
     const std::string name[] = {query};
-    const RetrievedLists best = Index()->Best(name, vector, options_.top_k, 1);
+    const RetrievedLists best = vectors_->Index()->Best(name, vector, options_.top_k, 1);
     std::vector<int> retrieved;
     for (const RetrievedReference& r : best.front()) {
       CheckSizeOfReference(r.reference_index);
@@ -285,15 +330,6 @@ class FrontEndMatches final : public MatchSource {
     }
   }
 
-  // Made when it is first wanted: other ways to retrieve need none.
-  const std::shared_ptr<const VladIndex>& Index() const {
-    std::call_once(index_is_made_, [this] {
-      index_ = std::make_shared<const VladIndex>(
-          ReadOpened([this] { return IndexOf(map_, references_, *features_, options_); }));
-    });
-    return index_;
-  }
-
   void CheckSizeOfReference(int index) const {
     const PosedImage& image = references_[static_cast<size_t>(index)];
     ReadOpened([&] {
@@ -302,21 +338,12 @@ class FrontEndMatches final : public MatchSource {
     });
   }
 
-  RetrievedLists RetrieveByVectors(const std::vector<std::string>& queries) const {
-    if (!options_.descriptor) {
-      return RetrieveByVlad(*Index(), queries, *features_, options_.top_k, options_.threads);
-    }
-    std::vector<ImageFile> files;
-    for (const std::string& name : queries) files.push_back({name, InFile(name).file});
-    return Index()->Best(queries, ReadOpened([&] { return Describe(files, options_); }),
-                         options_.top_k, options_.threads);
-  }
-
   void Retrieve(const std::vector<Query>& queries) {
     if (queries.empty()) return;
     const std::vector<std::string> query_names = NamesOf(queries);
-    const RetrievedLists ranks =
-        options_.retrieved ? *options_.retrieved : RetrieveByVectors(query_names);
+    std::vector<ImageFile> files;
+    for (const std::string& name : query_names) files.push_back({name, InFile(name).file});
+    const RetrievedLists ranks = options_.retrieved ? *options_.retrieved : vectors_->BestOf(files);
     RAYLIFT_CHECK_EQ(ranks.size(), queries.size());
     std::set<int> all_retrieved;
     std::vector<std::pair<std::string, std::string>> pairs;
@@ -334,15 +361,13 @@ class FrontEndMatches final : public MatchSource {
   }
 
   FrontEndOptions options_;
-  MapPointer map_;  // null: the references are of no packed map
   std::vector<PosedImage> references_;
   std::set<std::string> reference_names_;
   WarningSet warnings_;
   std::shared_ptr<const FeatureStore> features_;
+  std::unique_ptr<const ReferenceVectors> vectors_;
   std::map<std::string, std::vector<int>> retrieved_;  // indices into references_, best first
   std::unique_ptr<JoinedRetrieval> joined_;            // null: no query becomes a reference
-  mutable std::once_flag index_is_made_;
-  mutable std::shared_ptr<const VladIndex> index_;
 };
 
 }  // namespace
