@@ -191,19 +191,19 @@ void Run(const DoctorFlags& flags) {
     std::vector<std::string> warnings = scene.warnings;
     const auto of_matches = match_source->Warnings();
     warnings.insert(warnings.end(), of_matches.begin(), of_matches.end());
-    WriteFile(
-        flags.report / "index.html",
-        FormatDoctorReport(
-            {.title = "Raylift: " + flags.geometry,
-             .subtitle = fmt::format("{} references{}", scene.references.images.size(),
-                                     geometry.understood.empty() ? "" : "; " + geometry.understood),
-             .diagnosis = json,
-             .source = *geometry.source,
-             .surface = geometry.mesh,
-             .references = scene.references.images,
-             .images = flags.images,
-             .warnings = warnings,
-             .threads = flags.run.threads}));
+    WriteFile(flags.report / "index.html",
+              FormatDoctorReport(
+                  {.title = "Raylift: " + flags.geometry,
+                   .subtitle = fmt::format(
+                       "{} references{}", scene.references.images.size(),
+                       geometry.interpretation.empty() ? "" : "; " + geometry.interpretation),
+                   .diagnosis = json,
+                   .source = *geometry.source,
+                   .surface = geometry.mesh,
+                   .references = scene.references.images,
+                   .images = flags.images,
+                   .warnings = warnings,
+                   .threads = flags.run.threads}));
   }
   if (!flags.run.quiet) Print(diagnosis, alignment);
 }

@@ -114,7 +114,7 @@ void LocalizeOutput::Print(const std::vector<LocalizedQuery>& localized, const R
   for (size_t i = 0; i < run.scene.sources.size(); ++i) {
     const SceneSource& source = run.scene.sources[i];
     if (source.geometry.kind == GeometryKind::kDepth) {
-      fmt::print("read {} as {}\n", source.spec, source.geometry.understood);
+      fmt::print("read {} as {}\n", source.spec, source.geometry.interpretation);
     }
     if (source.alignment && source.alignment->mode != AlignMode::kOff) {
       fmt::print("aligned {} {}\n", source.spec, Describe(*source.alignment));

@@ -372,7 +372,7 @@ DepthFolder::DepthFolder(path folder, DepthConvention convention,
   } else if (bundle) {
     found_at = bundle->string();
     DepthBundle::Scale scale = impl_->OpenBundle(*bundle, references);
-    if (!scale.found.empty()) understood_ = ", " + scale.found;
+    if (!scale.found.empty()) interpretation_ = ", " + scale.found;
     warnings_ = std::move(scale.warnings);
     const std::string& without_confidences = impl_->bundle->without_confidences();
     if (!without_confidences.empty()) {
@@ -405,9 +405,9 @@ DepthFolder::DepthFolder(path folder, DepthConvention convention,
 // Says how the maps are read, by the first one.
 void DepthFolder::LookAt(const PosedImage& first) {
   const StoredDepth stored = impl_->ReadStored(first);
-  understood_ =
+  interpretation_ =
       DescribeStored(stored, impl_->bundle, impl_->packed.has_value(), impl_->convention) +
-      understood_;
+      interpretation_;
   const std::string file = impl_->FileOf(first).string();
   if (stored.sample_type == "uint8") {
     throw InputError(file, "expected depth in 16 bits or floats, found 8 bits");

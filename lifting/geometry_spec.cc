@@ -61,7 +61,7 @@ NamedGeometry MakeMesh(const MeshSpec& spec, int threads) {
   NamedGeometry geometry;
   geometry.kind = GeometryKind::kMesh;
   geometry.placement = spec.placement;
-  geometry.understood = fmt::format("{} triangles", mesh->triangles.size());
+  geometry.interpretation = fmt::format("{} triangles", mesh->triangles.size());
   geometry.warnings = mesh->warnings;
   geometry.mesh = std::make_shared<const RayCaster>(std::move(mesh), caster);
   geometry.source = std::make_shared<const MeshSource>(
@@ -78,8 +78,8 @@ NamedGeometry MakeCloud(const CloudSpec& spec, int threads) {
   geometry.placement = spec.placement;
   geometry.cloud = OpenCloud(spec, threads, caster);
   const Surfels& surfels = *geometry.cloud->surfels();
-  geometry.understood = fmt::format("{} points, as discs of radius {:.3g}", surfels.discs.size(),
-                                    MedianRadius(surfels));
+  geometry.interpretation = fmt::format("{} points, as discs of radius {:.3g}",
+                                        surfels.discs.size(), MedianRadius(surfels));
   geometry.warnings = surfels.warnings;
   geometry.source = std::make_shared<const MeshSource>(fmt::format("cloud:{}", spec.files),
                                                        geometry.cloud, spec.options);
@@ -95,10 +95,10 @@ NamedGeometry MakeSplats(const SplatSpec& spec) {
   geometry.placement = spec.placement;
   geometry.cloud = opened.caster;
   const Splats& splats = *geometry.cloud->splats();
-  geometry.understood =
+  geometry.interpretation =
       fmt::format("{} Gaussians, {} depth", splats.means.size(), ToString(spec.depth));
   if (opened.transform) {
-    geometry.understood +=
+    geometry.interpretation +=
         fmt::format(", put in the world by {}", opened.transform->filename().string());
   }
   geometry.warnings = splats.warnings;
@@ -219,7 +219,7 @@ NamedGeometry MakeDepth(SpecKeys keys, const GeometryContext& context) {
                                              .orientation = convention.orientation,
                                              .first_sample_px = sampling.first_sample_px,
                                              .scale = convention.scale};
-  geometry.understood = maps->understood();
+  geometry.interpretation = maps->interpretation();
   geometry.warnings = maps->warnings();
   geometry.maps = maps;
   geometry.source = std::make_shared<const DepthSource>(fmt::format("depth:{}", keys.path()),
@@ -251,9 +251,9 @@ NamedGeometry MakeSfm(SpecKeys keys, const GeometryContext& context) {
   SfmFit fit = CheckSfmModel(model, context.references);
   NamedGeometry geometry;
   geometry.kind = GeometryKind::kSfm;
-  geometry.understood = std::move(fit.understood);
+  geometry.interpretation = std::move(fit.interpretation);
   if (model.points3d.size() < num_points) {
-    geometry.understood += fmt::format(", of {} before thinning", num_points);
+    geometry.interpretation += fmt::format(", of {} before thinning", num_points);
   }
   for (const std::string& warning : fit.warnings) {
     geometry.warnings.push_back(fmt::format("{}: {}", folder.string(), warning));

@@ -172,8 +172,8 @@ SfmFit CheckSfmModel(const ColmapModel& model, std::span<const PosedImage> refer
   }
 
   SfmFit fit;
-  fit.understood = fmt::format("{} points, tracks of {:.0f} images (median)", model.points3d.size(),
-                               UpperMedianOr(std::move(lengths), 0));
+  fit.interpretation = fmt::format("{} points, tracks of {:.0f} images (median)",
+                                   model.points3d.size(), UpperMedianOr(std::move(lengths), 0));
   if (num_known < references.size()) {
     fit.warnings.push_back(fmt::format("{} of {} references are not in the model",
                                        references.size() - num_known, references.size()));
@@ -183,7 +183,8 @@ SfmFit CheckSfmModel(const ColmapModel& model, std::span<const PosedImage> refer
     return fit;
   }
   const double median_px = UpperMedianOr(std::move(distances_px), 0);
-  fit.understood += fmt::format(", {:.2f} px from the references' keypoints (median)", median_px);
+  fit.interpretation +=
+      fmt::format(", {:.2f} px from the references' keypoints (median)", median_px);
   constexpr double kFarPx = 10;
   if (median_px > kFarPx) {
     fit.warnings.push_back(fmt::format(

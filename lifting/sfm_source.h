@@ -44,7 +44,7 @@ class SfmSource final : public GeometrySource {
 
 // Says whether a model can serve these references.
 struct SfmFit {
-  std::string understood;             // "3375 points, tracks of 3 images (median), ..."
+  std::string interpretation;         // "3375 points, tracks of 3 images (median), ..."
   std::vector<std::string> warnings;  // references that it does not hold, another coordinate frame
 };
 SfmFit CheckSfmModel(const ColmapModel& model, std::span<const PosedImage> references);

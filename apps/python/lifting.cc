@@ -294,7 +294,7 @@ void BindSources(py::module_& module) {
           "description",
           [](const Geometry& geometry) { return geometry.named.source->Description(); })
       .def_property_readonly(
-          "understood", [](const Geometry& geometry) { return geometry.named.understood; },
+          "interpretation", [](const Geometry& geometry) { return geometry.named.interpretation; },
           "How the files were read (\"PNG uint16 640 x 480, z\").")
       .def_property_readonly("warnings",
                              [](const Geometry& geometry) { return geometry.named.warnings; })

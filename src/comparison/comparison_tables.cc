@@ -288,7 +288,7 @@ Json SourceJson(const SourceComparison& source) {
   for (const ImageComparison& image : source.images) images.push_back(ImageJson(image));
   return {{"name", source.name},
           {"spec", source.spec},
-          {"understood", source.understood},
+          {"interpretation", source.interpretation},
           {"is_truth", source.is_truth},
           {"findings", findings},
           {"explanation", ExplanationJson(source.explanation)},

@@ -157,7 +157,7 @@ class Comparer {
       SourceComparison& source = result.sources.emplace_back();
       source.name = sources_[s].name;
       source.spec = sources_[s].spec;
-      source.understood = sources_[s].understood;
+      source.interpretation = sources_[s].interpretation;
       source.is_truth = options_.truth == s;
       source.by_distance = curves.by_distance;
       source.by_incidence = curves.by_incidence;
@@ -302,7 +302,7 @@ std::vector<ComparedSource> ComparedSourcesOf(const Scene& scene) {
     const NamedGeometry& geometry = source.geometry;
     sources.push_back({.name = source.name,
                        .spec = source.spec,
-                       .understood = geometry.understood,
+                       .interpretation = geometry.interpretation,
                        .source = geometry.source,
                        .mesh = geometry.mesh ? std::shared_ptr<const TriangleMesh>(
                                                    geometry.mesh, &geometry.mesh->mesh())

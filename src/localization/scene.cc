@@ -39,7 +39,7 @@ void Scene::AddGeometry(std::shared_ptr<const GeometrySource> source,
   added.geometry.kind = kind;
   added.geometry.mesh = std::move(mesh);
   added.spec = added.name = source->Description();
-  added.geometry.understood = "from memory";
+  added.geometry.interpretation = "from memory";
   added.geometry.source = std::move(source);
   sources.push_back(std::move(added));
 }

@@ -206,7 +206,7 @@ TEST(Localize, SummaryCountsQueries) {
   EXPECT_EQ(summary["warnings"], nlohmann::json::array());
   ASSERT_EQ(summary["geometry"].size(), 1u);
   EXPECT_EQ(summary["geometry"][0]["spec"], "mesh:" + scene.mesh().string());
-  EXPECT_TRUE(summary["geometry"][0]["understood"].get<std::string>().ends_with(" triangles"));
+  EXPECT_TRUE(summary["geometry"][0]["interpretation"].get<std::string>().ends_with(" triangles"));
 }
 
 TEST(Localize, AsksSeveralGeometriesInOrder) {

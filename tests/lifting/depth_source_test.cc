@@ -246,7 +246,7 @@ TEST(DepthSource, MissingMapsAreCountedAndNoneAtAllIsAnError) {
   ASSERT_EQ(geometry.warnings.size(), 1u);
   EXPECT_NE(geometry.warnings[0].find("2 of 3 references have no depth map, e.g. a.jpg"),
             std::string::npos);
-  EXPECT_EQ(geometry.understood, "NPY float32 64 x 48, z");
+  EXPECT_EQ(geometry.interpretation, "NPY float32 64 x 48, z");
   EXPECT_EQ(LiftedDepth(*geometry.source, wall.references[0]), 0);
   EXPECT_EQ(LiftedDepth(*geometry.source, wall.references[1]), 3);
   EXPECT_TRUE(FailsWithInputError(

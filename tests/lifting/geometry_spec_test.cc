@@ -141,7 +141,8 @@ TEST(MakeGeometrySource, OpensSplats) {
     EXPECT_EQ(geometry.kind, GeometryKind::kSplats);
     EXPECT_EQ(geometry.source->Description(), "splat:" + path.string());
     EXPECT_NE(geometry.Surface(), nullptr);
-    EXPECT_NE(geometry.understood.find("2 Gaussians"), std::string::npos) << geometry.understood;
+    EXPECT_NE(geometry.interpretation.find("2 Gaussians"), std::string::npos)
+        << geometry.interpretation;
     const auto point = geometry.source->Lift({}, {&pixel, 1})[0];
     ASSERT_TRUE(point) << keys;
     EXPECT_NEAR(point->depth_z, depth, 1e-5);
@@ -176,9 +177,9 @@ TEST(MakeGeometrySource, UndoesWhatNerfstudioDidToTheFrame) {
   EXPECT_NEAR(depth_with(""), 5, 1e-5) << "it is found beside the splats";
   EXPECT_NEAR(depth_with(",scale=2"), 10, 1e-5) << "the placement comes after it";
   EXPECT_NEAR(depth_with(",transform=none"), 2, 1e-5);
-  EXPECT_NE(
-      MakeGeometrySource("splat:" + path.string()).understood.find("dataparser_transforms.json"),
-      std::string::npos);
+  EXPECT_NE(MakeGeometrySource("splat:" + path.string())
+                .interpretation.find("dataparser_transforms.json"),
+            std::string::npos);
   for (const auto& [text, part] :
        {std::pair("{}", "transform"),
         {R"({"transform": [[1, 0, 0, 0], [0, 1, 0, 0]], "scale": 1})", "transform"},

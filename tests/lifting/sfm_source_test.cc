@@ -144,7 +144,7 @@ TEST(SfmSource, ImagesThatTheModelDoesNotHoldHaveNoPoints) {
 TEST(CheckSfmModel, NoticesAnotherFrameAndMissingReferences) {
   const TinyModel tiny;
   const SfmFit right = CheckSfmModel(tiny.model, tiny.images);
-  EXPECT_EQ(right.understood,
+  EXPECT_EQ(right.interpretation,
             "4 points, tracks of 2 images (median), 0.00 px from the references' keypoints "
             "(median)");
   EXPECT_TRUE(right.warnings.empty());
@@ -168,7 +168,7 @@ TEST(MakeGeometrySource, OpensSfmModels) {
         MakeGeometrySource(spec, {.model = folder, .references = tiny.images});
     EXPECT_EQ(geometry.kind, GeometryKind::kSfm);
     EXPECT_EQ(geometry.source->Description(), "sfm:" + folder);
-    EXPECT_TRUE(geometry.understood.starts_with("4 points")) << geometry.understood;
+    EXPECT_TRUE(geometry.interpretation.starts_with("4 points")) << geometry.interpretation;
     EXPECT_TRUE(geometry.warnings.empty());
     return geometry.source->Lift(tiny.images[0], {&pixel, 1})[0].has_value();
   };

@@ -148,7 +148,7 @@ def test_depth_anything_3(caster: raylift.RayCaster, tmp_path: Path) -> None:
     for name, array in arrays.items():
         np.save(npy / f"{name}.npy", array)
     maps = expect_exact(caster, images, resized, tmp_path / "npy", preset="da3")
-    assert "3 maps of float32 504 x 378, z, x 1 +- " in maps.understood
+    assert "3 maps of float32 504 x 378, z, x 1 +- " in maps.interpretation
 
 
 def test_one_image_alone_is_a_bundle_too(caster: raylift.RayCaster, tmp_path: Path) -> None:
@@ -247,8 +247,8 @@ def test_vggt_has_poses_of_another_scale(caster: raylift.RayCaster, tmp_path: Pa
     np.savez(tmp_path / "predictions.npz", depth=0.37 * depth[..., None], depth_conf=depth + 1,
              extrinsic=poses, images=np.zeros((8, 3, 4, 4), np.float32), pose_enc=np.zeros((8, 9)))
     maps = expect_exact(caster, images, resized, tmp_path, preset="vggt")
-    assert "8 maps of float32 518 x 392, z, layer depth, x 2.703 +- " in maps.understood
-    assert "by 8 of its 8 poses" in maps.understood and maps.warnings == []
+    assert "8 maps of float32 518 x 392, z, layer depth, x 2.703 +- " in maps.interpretation
+    assert "by 8 of its 8 poses" in maps.interpretation and maps.warnings == []
     # Points in the world of the poses are the same depth.
     points = np.stack([points_in(0.37 * d, image, resized, p)
                        for d, image, p in zip(depth, images, of_a_network(images, 0.37))])
@@ -264,7 +264,7 @@ def test_mapanything_writes_world_from_camera(caster: raylift.RayCaster, tmp_pat
     mask[:, :, :99] = False
     np.savez(tmp_path / "predictions.npz", depth=2 * depth[..., None], extrinsic=poses, final_mask=mask,
              conf=depth)
-    assert "x 0.5 +- " in expect_exact(caster, images, resized, tmp_path, preset="mapanything").understood
+    assert "x 0.5 +- " in expect_exact(caster, images, resized, tmp_path, preset="mapanything").interpretation
     masked = raylift.DepthMaps(tmp_path, images, preset="mapanything", confidence="final_mask",
                                confidence_threshold=0.5).load(images[0])
     assert (some(masked)[:, :90] == 0).all() and (some(masked)[:, 110:] > 0).mean() > 0.5
@@ -305,7 +305,7 @@ def test_another_order_of_the_list_shows_in_the_poses(tmp_path: Path) -> None:
     assert "in the order of the numbers in their names they do (names=FILE lists it)" in maps.warnings[0]
     (tmp_path / "names.txt").write_text("\n".join(image.name for image in images))
     maps = raylift.DepthMaps(tmp_path, images, preset="da3", names=tmp_path / "names.txt")
-    assert maps.warnings == [] and "x 0.3333 +- " in maps.understood
+    assert maps.warnings == [] and "x 0.3333 +- " in maps.interpretation
 
 
 def write_reference_matches(caster: raylift.RayCaster, images: list[raylift.PosedImage],

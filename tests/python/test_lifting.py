@@ -84,7 +84,7 @@ def test_lifting_from_depth_in_files(mesh: raylift.Mesh, tmp_path: Path) -> None
     maps = raylift.DepthMaps(tmp_path, [IMAGE], unit="mm")
     expect_face(maps.lift(IMAGE, PIXELS))
     expect_face(raylift.Geometry(f"depth:{tmp_path},unit=mm", references=[IMAGE]).lift(IMAGE, PIXELS))
-    assert "uint16" in maps.understood and maps.warnings == []
+    assert "uint16" in maps.interpretation and maps.warnings == []
     first, second = some(maps.load(IMAGE)), some(maps.load(IMAGE))
     assert first == pytest.approx(depth, abs=1e-3)
     assert first.__array_interface__["data"] == second.__array_interface__["data"]

@@ -707,7 +707,7 @@ class Geometry:
     def description(self) -> str:
         ...
     @property
-    def understood(self) -> str:
+    def interpretation(self) -> str:
         """
         How the files were read ("PNG uint16 640 x 480, z").
         """

@@ -211,7 +211,7 @@ class SurfaceScore(TypedDict):
 class ComparedSource(TypedDict):
     name: str
     spec: str
-    understood: str
+    interpretation: str
     is_truth: bool
     findings: List[Finding]
     explanation: Optional[Explanation]
@@ -390,7 +390,7 @@ class Alignment(TypedDict):
 
 class _UsedGeometry(TypedDict):
     spec: str
-    understood: str
+    interpretation: str
 
 
 class UsedGeometry(_UsedGeometry, total=False):

@@ -27,7 +27,7 @@ namespace raylift {
 struct ComparedSource {
   std::string name;
   std::string spec;
-  std::string understood;  // how its files were read
+  std::string interpretation;  // how its files were read
   std::shared_ptr<const GeometrySource> source;
   std::shared_ptr<const TriangleMesh> mesh = nullptr;  // null where it is none
 };
@@ -81,7 +81,7 @@ struct ImageComparison {
 struct SourceComparison {
   std::string name;
   std::string spec;
-  std::string understood;
+  std::string interpretation;
   bool is_truth = false;
   std::vector<ImageComparison> images;
   BinnedDepthErrors by_distance, by_incidence, by_edge_distance;

@@ -155,7 +155,7 @@ class DepthFolder {
   std::shared_ptr<const DepthMap> LoadConfidence(const PosedImage& reference) const;
 
   // Says how the files were read ("PNG uint16 640 x 480, z, 1 is 0.001").
-  const std::string& understood() const { return understood_; }
+  const std::string& interpretation() const { return interpretation_; }
   // Returns the size of the first reference's map, as it lies in the image.
   PlaneSize size_px() const { return size_px_; }
   // Returns what a stored 1 is in scene units (of kInverse: in 1 / scene units), with the scale, of
@@ -170,7 +170,7 @@ class DepthFolder {
 
   struct Impl;
   std::unique_ptr<Impl> impl_;
-  std::string understood_;
+  std::string interpretation_;
   PlaneSize size_px_;
   double unit_ = 1;
   std::vector<std::string> warnings_;

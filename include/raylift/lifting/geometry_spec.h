@@ -59,7 +59,7 @@ struct NamedGeometry {
   std::shared_ptr<const DepthFolder> maps = nullptr;  // of depth maps; else null
   std::shared_ptr<const RayCaster> cloud = nullptr;   // of a point cloud or splats; else null
   // How the files were read ("PNG uint16 640 x 480, z").
-  std::string understood = {};
+  std::string interpretation = {};
   std::vector<std::string> warnings;  // what the user should know of the files
   std::optional<DataConvention> depth_convention = std::nullopt;  // of depth maps
   MeshPlacement placement = {};  // of a mesh, cloud or splats, by its specification

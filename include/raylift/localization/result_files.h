@@ -47,7 +47,7 @@ std::vector<const LocalizedQuery*> NotLocalizedOrDoubtful(std::span<const Locali
 // `summary.json`: totals, geometry, medians of the stages' counts, what the queries' matches have
 // in common, warnings.
 struct GeometrySummary {
-  std::string spec, understood;
+  std::string spec, interpretation;
   struct Alignment {
     std::string mode;  // what was done: off, scale, affine, grid
     double median_factor = 1, median_before_px = 0, median_after_px = 0;

@@ -138,7 +138,7 @@ std::vector<GeometrySummary> SummaryOf(std::span<const SceneSource> geometry) {
   for (const SceneSource& used : geometry) {
     GeometrySummary& summary = summaries.emplace_back();
     summary.spec = used.spec;
-    summary.understood = used.geometry.understood;
+    summary.interpretation = used.geometry.interpretation;
     if (!used.alignment) continue;
     summary.alignment = {.mode = std::string(ToString(used.alignment->mode)),
                          .median_factor = used.alignment->median_factor,

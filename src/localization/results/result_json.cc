@@ -159,7 +159,7 @@ void Members(JsonMembers& members, StageTimes& times) {
 
 void Members(JsonMembers& members, GeometrySummary& used) {
   members("spec", used.spec);
-  members("understood", used.understood);
+  members("interpretation", used.interpretation);
   members.If(used.alignment.has_value(), "alignment", used.alignment);
 }
 
