@@ -97,6 +97,14 @@ def _resized(image: Pixels, width: int, height: int) -> Pixels:
     return image
 
 
+def _at_least(name: str, value: object, least: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+        raise _core.InputTypeError(f"{name}: expected an int, found {type(value).__name__}")
+    if value < least:
+        raise _core.OptionError(f"{name} = {value}: must be at least {least}")
+    return int(value)
+
+
 class _Graph:
     """A file with its tensors by their roles."""
 
@@ -109,7 +117,7 @@ class _Graph:
         if not os.path.exists(self.file):
             raise _core.InputError(f"{self.file!s}: no such file")
         settings = onnxruntime.SessionOptions()
-        settings.intra_op_num_threads = threads
+        settings.intra_op_num_threads = _at_least("threads", threads, 0)
         settings.log_severity_level = 3
         try:
             self.session = onnxruntime.InferenceSession(
@@ -200,11 +208,12 @@ class _Model:
         where the graph puts the center of the first pixel, from 0 to 1. providers: onnxruntime's, by
         default the CPU's. threads: 0 is all."""
         self._graph = _Graph(file, roles, providers, threads)
-        if longer_side is not None and longer_side < 1:
-            raise _core.OptionError(f"longer_side = {longer_side}: must be at least 1")
+        self._longer_side = None if longer_side is None else _at_least("longer_side", longer_side, 1)
+        if isinstance(first_pixel, bool) or not isinstance(first_pixel, (int, float, np.number)):
+            raise _core.InputTypeError(f"first_pixel: expected a float, found {type(first_pixel).__name__}")
         if not 0 <= first_pixel <= 1:
             raise _core.OptionError(f"first_pixel = {first_pixel}: must lie between 0 and 1")
-        self._longer_side, self._first_pixel = longer_side, first_pixel
+        self._first_pixel = float(first_pixel)
 
     def __repr__(self) -> str:
         return f"<raylift.onnx.{type(self).__name__} {os.fspath(self._graph.file)!s}>"
