@@ -1,9 +1,9 @@
 """Runs what the README and its pages tell their readers to run: readme_test.py SOURCE_FOLDER RAYLIFT WORK_FOLDER
-[PACKAGE_FOLDER].
+readme|pages [PACKAGE_FOLDER].
 
-Every command in a ```sh block is run, with `raylift` on the PATH, in a folder that holds `assets` and what
-tests/python/page_inputs.py makes with the Python package in PACKAGE_FOLDER; without it, blocks that name these
-files are left out. What a ```text block shows of the output, its parts between dots, must be there. No other
+Every command in a ```sh block of the README, or of it and all pages, is run, with `raylift` on the PATH, in a
+folder that holds `assets` and what tests/python/page_inputs.py makes with the Python package in PACKAGE_FOLDER;
+without it, blocks that name these files are left out. What a ```text block shows of the output, its parts between dots, must be there. No other
 block holds commands or code but ```python, which tests/python/test_pages.py runs, and ```cpp, which
 tests/install builds. The demo's script is run with the program that is already built; the test script is only
 looked for, as this test is part of it.
@@ -49,7 +49,8 @@ def check_form(name, text, source):
 
 def main():
     source, raylift, work = (pathlib.Path(a).resolve() for a in sys.argv[1:4])
-    package = sys.argv[4] if len(sys.argv) > 4 else None
+    is_of_pages = sys.argv[4] == "pages"
+    package = sys.argv[5] if len(sys.argv) > 5 else None
     readme = (source / "README.md").read_text(encoding="utf-8")
     pages = readme
     check_form("README.md", readme, source)
@@ -71,10 +72,10 @@ def main():
                 for file in sorted((source / "tests/install/consumer").glob("*.cc"))]
     if programs != consumer:
         sys.exit("the programs in the pages are not those of tests/install/consumer")
-    blocks = blocks_of("sh", pages)
+    blocks = blocks_of("sh", pages if is_of_pages else readme)
     if not blocks:
         sys.exit("the pages hold no commands")
-    if package:
+    if is_of_pages and package:
         subprocess.run([sys.executable, source / "tests/python/page_inputs.py", work], check=True,
                        env=dict(environment, PYTHONPATH=package, PYTHONDONTWRITEBYTECODE="1", RAYLIFT_SOURCE=str(source)))
     # OpenVDB may be missing, or too old (Ubuntu 22.04).
