@@ -102,6 +102,8 @@ def _at_least(name: str, value: object, least: int) -> int:
         raise _core.InputTypeError(f"{name}: expected an int, found {type(value).__name__}")
     if value < least:
         raise _core.OptionError(f"{name} = {value}: must be at least {least}")
+    if value >= 2**31:
+        raise _core.OptionError(f"{name} = {value}: must be below 2^31")
     return int(value)
 
 
