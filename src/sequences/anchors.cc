@@ -101,10 +101,7 @@ double MostVariance(std::span<const WalkEvidence> frames, const StepNoise& noise
 class AnchorSearch {
  public:
   AnchorSearch(std::span<const WalkEvidence> frames, double scale, const StepNoise& noise)
-      : frames_(frames),
-        costs_(frames, scale, noise),
-        log_anywhere_(costs_.log_anywhere()),
-        most_variance_(MostVariance(frames, noise)) {
+      : frames_(frames), costs_(frames, scale, noise), most_variance_(MostVariance(frames, noise)) {
     for (size_t i = 0; i < frames.size(); ++i) AddFrame(i);
     for (size_t k = 0; k < candidates_.size(); ++k) AddContradictions(k);
   }
@@ -120,7 +117,7 @@ class AnchorSearch {
     for (size_t k = 0; k < candidates_.size(); ++k) {
       const Candidate& candidate = candidates_[k];
       State best{all_wrong_[candidate.place] + candidate.Before(candidate.place) + candidate.right -
-                     2 * log_anywhere_,
+                     2 * costs_.log_anywhere(),
                  std::nullopt};
       for (size_t j = candidate.first; candidates_[j].place < candidate.place; ++j) {
         const Candidate& earlier = candidates_[j];
@@ -241,7 +238,8 @@ class AnchorSearch {
   double CostOfWrongPose(const Candidate& pose, double log_odds) const {
     double least = std::numeric_limits<double>::infinity();
     for (const double tied : pose.tied) least = std::min(least, tied);
-    return std::min(-2 * log_anywhere_, least + 2 * (std::log(2) + std::max(log_odds, 0.0)));
+    return std::min(-2 * costs_.log_anywhere(),
+                    least + 2 * (std::log(2) + std::max(log_odds, 0.0)));
   }
 
   // A pose that agrees with a right one is not wrong in the same way as others: it would be there by
@@ -252,17 +250,17 @@ class AnchorSearch {
     for (size_t j = later.first; j < later.first + later.tied.size(); ++j) {
       Candidate& earlier = candidates_[j];
       const bool agree = later.tied[j - later.first] < costs_.Lost(earlier.anchor, later.anchor);
-      of_places[later.place - earlier.place - 1] += agree ? -2 * log_anywhere_ - earlier.wrong : 0;
+      of_places[later.place - earlier.place - 1] +=
+          agree ? -2 * costs_.log_anywhere() - earlier.wrong : 0;
       const size_t places = later.place - earlier.place;
       while (earlier.after.size() <= places) earlier.after.push_back(earlier.after.back());
-      if (agree) earlier.after[places] += -2 * log_anywhere_ - later.wrong;
+      if (agree) earlier.after[places] += -2 * costs_.log_anywhere() - later.wrong;
     }
     for (const double more : of_places) later.before.push_back(later.before.back() + more);
   }
 
   std::span<const WalkEvidence> frames_;
   TieCosts costs_;
-  double log_anywhere_;
   double most_variance_;  // of the position of a pose that tells it
   std::vector<Candidate> candidates_;
   // The cost of so many first frames with a pose being wrong, but for where their poses are.

@@ -34,23 +34,22 @@ bool IsInteriorType(std::string_view type) {
          type.ends_with("HollowSpace") || (type.ends_with("Furniture") && type != "CityFurniture");
 }
 
-// Returns the type of an object or a geometry; empty where it has none.
-std::string TypeOf(const Json& object) {
-  const auto found = object.find("type");
-  const bool is_text = object.is_object() && found != object.end() && found->is_string();
-  return is_text ? found->get<std::string>() : "";
-}
-
 const Json kNull;
 
 // Return an object's member and a list's item; null where it has none, or is no such thing.
-const Json& MemberOf(const Json& value, const char* name) {
+const Json& MemberOrNull(const Json& value, const char* name) {
   const auto found = value.find(name);
   return found == value.end() ? kNull : *found;
 }
 
-const Json& ItemOf(const Json& value, size_t index) {
+const Json& ItemOrNull(const Json& value, size_t index) {
   return value.is_array() && index < value.size() ? value[index] : kNull;
+}
+
+// Returns the type of an object or a geometry; empty where it has none.
+std::string TypeOf(const Json& object) {
+  const Json& type = MemberOrNull(object, "type");
+  return type.is_string() ? type.get<std::string>() : "";
 }
 
 // Where the corners of surfaces are: vertices of the file, or of a template that is moved; and
@@ -72,9 +71,9 @@ struct Chosen {
 // chimneys, do not replace it.
 bool HasFinerPart(const Json& objects, const Json& object, const Chosen& own,
                   const std::map<std::string, Chosen>& chosen) {
-  const auto children = object.find("children");
-  if (children == object.end() || !children->is_array()) return false;
-  return std::any_of(children->begin(), children->end(), [&](const Json& child) {
+  const Json& children = MemberOrNull(object, "children");
+  if (!children.is_array()) return false;
+  return std::any_of(children.begin(), children.end(), [&](const Json& child) {
     const auto found = child.is_string() ? chosen.find(child.get<std::string>()) : chosen.end();
     return found != chosen.end() && found->second.geometry != nullptr &&
            found->second.level > own.level && TypeOf(objects[found->first]).ends_with("Part");
@@ -226,9 +225,9 @@ class CityJsonReader : JsonInFile {
     const Json& shape = model == nullptr ? geometry : *model;
     const Json& boundaries = Member(place + ".boundaries", shape, "boundaries");
     const int lists = kListsOfType.at(TypeOf(shape));
-    const Json& semantics = MemberOf(shape, "semantics");
-    const Json& kinds = MemberOf(semantics, "surfaces");
-    const Json& values = MemberOf(semantics, "values");
+    const Json& semantics = MemberOrNull(shape, "semantics");
+    const Json& kinds = MemberOrNull(semantics, "surfaces");
+    const Json& values = MemberOrNull(semantics, "values");
     if (model == nullptr) {
       AddSurfaces(place + ".boundaries", boundaries, lists, {vertices_, std::nullopt, kinds},
                   values);
@@ -282,7 +281,7 @@ class CityJsonReader : JsonInFile {
     for (size_t i = 0; i < boundaries.size(); ++i) {
       std::string at = fmt::format("{}[{}]", place, i);
       if (lists > 1) {
-        AddSurfaces(at, boundaries[i], lists - 1, vertices, ItemOf(kinds, i));
+        AddSurfaces(at, boundaries[i], lists - 1, vertices, ItemOrNull(kinds, i));
         continue;
       }
       std::vector<std::vector<Vector3d>> rings;
@@ -296,19 +295,18 @@ class CityJsonReader : JsonInFile {
           p = (*vertices.world_from_template * p.homogeneous()).eval();
         }
       }
-      const Json& kind = ItemOf(kinds, i);
+      const Json& kind = ItemOrNull(kinds, i);
       mesh_.AddPolygon(
           [&] { return at; }, std::move(rings),
-          kind.is_number_unsigned() ? TypeOf(ItemOf(vertices.kinds, kind.get<size_t>())) : "");
+          kind.is_number_unsigned() ? TypeOf(ItemOrNull(vertices.kinds, kind.get<size_t>())) : "");
     }
   }
 
   void CheckSystem() {
-    const auto metadata = root_.find("metadata");
-    if (metadata == root_.end() || !metadata->is_object()) return;
-    const auto system = metadata->find("referenceSystem");
-    if (system == metadata->end() || !system->is_string()) return;
-    mesh_.CheckPlace("metadata.referenceSystem", system->get<std::string>());
+    const Json& system = MemberOrNull(MemberOrNull(root_, "metadata"), "referenceSystem");
+    if (system.is_string()) {
+      mesh_.CheckPlace("metadata.referenceSystem", system.get<std::string>());
+    }
   }
 
   std::optional<double> level_;

@@ -186,6 +186,7 @@ class GltfReader {
   GltfReader(const std::filesystem::path& path, std::string_view contents, GltfPlace place,
              const Eigen::Matrix3d& z_up_from_gltf)
       : path_(path), file_(path, contents, place), z_up_from_gltf_(z_up_from_gltf) {}
+  GltfReader(const GltfReader&) = delete;  // materials_ refers to what is in it
 
   RawMesh Read(std::span<const Affine3d> copies) {
     RequireKnownExtensions(file_);

@@ -341,9 +341,12 @@ class FrontEndMatches final : public MatchSource {
   void Retrieve(const std::vector<Query>& queries) {
     if (queries.empty()) return;
     const std::vector<std::string> query_names = NamesOf(queries);
-    std::vector<ImageFile> files;
-    for (const std::string& name : query_names) files.push_back({name, InFile(name).file});
-    const RetrievedLists ranks = options_.retrieved ? *options_.retrieved : vectors_->BestOf(files);
+    const auto by_vectors = [&] {
+      std::vector<ImageFile> files;
+      for (const std::string& name : query_names) files.push_back({name, InFile(name).file});
+      return vectors_->BestOf(files);
+    };
+    const RetrievedLists ranks = options_.retrieved ? *options_.retrieved : by_vectors();
     RAYLIFT_CHECK_EQ(ranks.size(), queries.size());
     std::set<int> all_retrieved;
     std::vector<std::pair<std::string, std::string>> pairs;
