@@ -3,10 +3,10 @@ readme|pages [PACKAGE_FOLDER].
 
 Every command in a ```sh block of the README, or of it and all pages, is run, with `raylift` on the PATH, in a
 folder that holds `assets` and what tests/python/page_inputs.py makes with the Python package in PACKAGE_FOLDER;
-without it, blocks that name these files are left out. What a ```text block shows of the output, its parts between dots, must be there. No other
-block holds commands or code but ```python, which tests/python/test_pages.py runs, and ```cpp, which
-tests/install builds. The demo's script is run with the program that is already built; the test script is only
-looked for, as this test is part of it.
+without it, blocks that name these files are left out. What a ```text block shows of the output, its parts
+between dots, must be there. No other block holds commands or code but ```python, which
+tests/python/test_pages.py runs, and ```cpp, which tests/install builds. The demo's script is run with the
+program that is already built; the test script is only looked for, as this test is part of it.
 """
 
 import os
