@@ -119,5 +119,6 @@ document.querySelector("iframe").addEventListener("load", (event) => {
 });
 </script>"""
     (tmp_path / "notebook.html").write_text(report._repr_html_() + tell, encoding="utf-8")
+    assert report._repr_html_().isascii() and not report.path.read_text(encoding="utf-8").isascii()
     dom = look((tmp_path / "notebook.html").as_uri(), 1280, "--dump-dom")
     assert re.search(r"<title>\w+ [1-9]\d*</title>", dom), re.search("<title>.*</title>", dom)

@@ -258,7 +258,8 @@ class Report:
         return f"<raylift.Report {self.path}>"
 
     def _repr_html_(self) -> str:
-        page = html.escape(self.path.read_text(encoding="utf-8"))
+        # In ASCII, as pages that it is pasted into may be read in any encoding.
+        page = html.escape(self.path.read_text(encoding="utf-8")).encode("ascii", "xmlcharrefreplace").decode()
         return f'<iframe srcdoc="{page}" style="width: 100%; height: 85vh; border: 0"></iframe>'
 
 
