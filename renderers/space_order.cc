@@ -1,10 +1,11 @@
 #include "renderers/space_order.h"
 
 #include <algorithm>
+#include <array>
+#include <numeric>
 #include <utility>
 
 #include <Eigen/Geometry>
-#include <boost/sort/spreadsort/integer_sort.hpp>
 
 namespace raylift {
 namespace {
@@ -19,20 +20,37 @@ uint64_t Spread(uint64_t value) {
   return (value | value << 2) & 0x1249249249249249;
 }
 
+using Key = std::pair<uint64_t, uint32_t>;  // a place on the curve, and the point's index
+
+// Digit by digit from the last one on: keys of one place stay in their order.
+void SortByPlace(std::vector<Key>& keys, unsigned bits) {
+  constexpr unsigned kDigitBits = 11;
+  constexpr uint64_t kDigits = uint64_t{1} << kDigitBits;
+  std::vector<Key> sorted(keys.size());
+  for (unsigned shift = 0; shift < bits; shift += kDigitBits) {
+    const auto digit = [&](const Key& key) { return key.first >> shift & (kDigits - 1); };
+    std::array<size_t, kDigits + 1> begins{};
+    for (const Key& key : keys) ++begins[digit(key) + 1];
+    std::partial_sum(begins.begin(), begins.end(), begins.begin());
+    for (const Key& key : keys) sorted[begins[digit(key)]++] = key;
+    keys.swap(sorted);
+  }
+}
+
 }  // namespace
 
-std::vector<uint32_t> OrderInSpace(const std::vector<Eigen::Vector3f>& points) {
+std::vector<uint32_t> OrderInSpace(const std::vector<Eigen::Vector3f>& points, unsigned bits) {
   Eigen::AlignedBox3f box;
   for (const Eigen::Vector3f& point : points) box.extend(point);
-  const float cell = std::max(box.sizes().maxCoeff(), 1e-30f) / 0x1fffff;
-  std::vector<std::pair<uint64_t, uint32_t>> keys(points.size());
+  const float cell =
+      std::max(box.sizes().maxCoeff(), 1e-30f) / static_cast<float>((1u << bits) - 1);
+  std::vector<Key> keys(points.size());
   for (uint32_t i = 0; i < points.size(); ++i) {
     const Eigen::Vector3f at = (points[i] - box.min()) / cell;
-    const auto bits = [&](int axis) { return Spread(static_cast<uint64_t>(at[axis])); };
-    keys[i] = {bits(0) | bits(1) << 1 | bits(2) << 2, i};
+    const auto along = [&](int axis) { return Spread(static_cast<uint64_t>(at[axis])); };
+    keys[i] = {along(0) | along(1) << 1 | along(2) << 2, i};
   }
-  boost::sort::spreadsort::integer_sort(
-      keys.begin(), keys.end(), [](const auto& key, unsigned bits) { return key.first >> bits; });
+  SortByPlace(keys, 3 * bits);
   std::vector<uint32_t> order(points.size());
   std::transform(keys.begin(), keys.end(), order.begin(),
                  [](const auto& key) { return key.second; });

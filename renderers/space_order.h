@@ -9,7 +9,8 @@
 
 namespace raylift {
 
-// Returns the points' indices along Morton's curve through a grid over all of them.
-std::vector<uint32_t> OrderInSpace(const std::vector<Eigen::Vector3f>& points);
+// Returns the points' indices along Morton's curve through a grid over all of them, of 2^bits cells
+// along each axis (21 at most); in their own order within a cell.
+std::vector<uint32_t> OrderInSpace(const std::vector<Eigen::Vector3f>& points, unsigned bits);
 
 }  // namespace raylift

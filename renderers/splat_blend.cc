@@ -127,7 +127,7 @@ std::vector<PackedSplat> PackSplats(const Splats& splats, int threads) {
   RAYLIFT_CHECK_EQ(count, splats.rotations.size());
   RAYLIFT_CHECK_EQ(count, splats.scales.size());
   RAYLIFT_CHECK_EQ(count, splats.opacities.size());
-  const std::vector<uint32_t> order = OrderInSpace(splats.means);
+  const std::vector<uint32_t> order = OrderInSpace(splats.means, 21);
   std::vector<PackedSplat> packed(count);
   ParallelFor((count + kSplatsOfTask - 1) / kSplatsOfTask, threads, [&](size_t batch) {
     const size_t end = std::min((batch + 1) * kSplatsOfTask, count);

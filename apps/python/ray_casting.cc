@@ -1,7 +1,6 @@
 // What rays are cast at, meshes, clouds and splats of files or in memory, and rays of arrays.
 
 #include <array>
-#include <cmath>
 #include <limits>
 
 #include "apps/python/geometry_source.h"
@@ -122,7 +121,6 @@ class GivenRays {
 
   size_t size() const { return along_.size(); }
   Ray operator[](size_t i) const { return {from_[from_.size() == 1 ? 0 : i], along_[i], t_near_}; }
-  const Rows<3>& directions() const { return along_; }
 
   bool StartAtOnePoint() const {
     for (size_t i = 1; i < from_.size(); ++i) {
@@ -265,11 +263,11 @@ std::vector<uint32_t> OrderOf(const GivenRays& rays) {
   if (!rays.StartAtOnePoint() || RunTogether(rays)) return {};
   std::vector<Eigen::Vector3f> directions(rays.size(), Eigen::Vector3f::Zero());
   for (size_t i = 0; i < rays.size(); ++i) {
-    const Eigen::Vector3d along = rays.directions()[i];
-    const double length = along.norm();
-    if (length > 0 && std::isfinite(length)) directions[i] = (along / length).cast<float>();
+    const Eigen::Vector3d along = rays[i].direction_in_world;
+    if (HasDirection(along)) directions[i] = along.normalized().cast<float>();
   }
-  return OrderInSpace(directions);
+  constexpr unsigned kBits = 7;  // cells of a degree, within which rays are coherent
+  return OrderInSpace(directions, kBits);
 }
 
 py::dict CastRays(const Caster& caster, const ArrayLike& origins, const ArrayLike& directions,

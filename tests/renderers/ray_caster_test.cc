@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "renderers/casters.h"
+#include "renderers/space_order.h"
 #include "support/matchers.h"
 #include "support/meshes.h"
 #include "support/test_data.h"
@@ -57,6 +58,31 @@ std::optional<double> BruteForce(const TriangleMesh& mesh, const Ray& ray) {
     if (t > ray.ray_t_near && (!nearest || t < *nearest)) nearest = t;
   }
   return nearest;
+}
+
+TEST(OrderInSpace, NeighborsFollowEachOtherAndEqualPointsStayInOrder) {
+  Rng rng = TestRng();
+  std::vector<Eigen::Vector3f> points;
+  for (int i = 0; i < 4096; ++i) {
+    points.emplace_back(rng.Uniform(0, 1), rng.Uniform(0, 1), rng.Uniform(0, 1));
+  }
+  points.insert(points.end(), points.begin(), points.begin() + 512);
+  const std::vector<uint32_t> order = OrderInSpace(points, 21);
+  std::vector<uint32_t> sorted = order;
+  std::sort(sorted.begin(), sorted.end());
+  double as_given = 0;
+  double along_curve = 0;
+  for (uint32_t i = 0; i < sorted.size(); ++i) {
+    ASSERT_EQ(sorted[i], i);
+    if (i == 0) continue;
+    as_given += (points[i] - points[i - 1]).norm();
+    along_curve += (points[order[i]] - points[order[i - 1]]).norm();
+    if (points[order[i]] == points[order[i - 1]]) {
+      EXPECT_LT(order[i - 1], order[i]);
+    }
+  }
+  // Random points are .66 apart in the mean, cells of so many some 1 / 16.
+  EXPECT_LT(along_curve, 0.2 * as_given);
 }
 
 TEST(RayCaster, HitsBoxWhereTheClosedFormSays) {
