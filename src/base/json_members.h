@@ -258,7 +258,10 @@ Value FromJson(const nlohmann::ordered_json& json) {
 template <typename Value>
 Value ParseJson(std::string_view text) {
   try {
-    return FromJson<Value>(nlohmann::ordered_json::parse(text));
+    auto json = nlohmann::ordered_json::parse(text);
+    Value value = FromJson<Value>(json);
+    Dismantle(json);
+    return value;
   } catch (const nlohmann::json::parse_error& error) {
     throw InputError(MessageOf(error));
   }

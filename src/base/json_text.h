@@ -15,6 +15,24 @@ std::string JsonText(const Json& json, int indent = -1) {
   return json.dump(indent, ' ', /*ensure_ascii=*/false, Json::error_handler_t::replace);
 }
 
+// Empties a value from its leaves on, as deep as records are nested. The library's destructor takes
+// memory for what is not empty (for the pairs that an object is initialized with, too), and ends
+// the process where there is none.
+template <typename Json>
+void Dismantle(Json& json, int most_levels = 32) {
+  if (!json.is_structured() || most_levels == 0) return;
+  for (Json& inner : json) Dismantle(inner, most_levels - 1);
+  json.clear();
+}
+
+// The same of a value that is for this text alone, which is dismantled.
+template <typename Json>
+requires(!std::is_lvalue_reference_v<Json>) std::string JsonText(Json&& json, int indent = -1) {
+  std::string text = JsonText(std::as_const(json), indent);
+  Dismantle(json);
+  return text;
+}
+
 // Returns what the library says of a text or a value, without the number of its exception:
 // "[json.exception.type_error.302] type must be number, but is string".
 template <typename Exception>

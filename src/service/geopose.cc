@@ -200,15 +200,17 @@ std::string FormatGeoPoseAnswer(const GeoPoseRequest& request, const std::string
     orientation_deg = covariance->topLeftCorner<3, 3>().diagonal().cwiseMax(0).cwiseSqrt().mean() *
                       180 / std::numbers::pi;
   }
-  return JsonText(nlohmann::ordered_json{
-      {"id", request.id},
-      {"timestamp", request.timestamp_ms},
-      {"accuracy", {{"position", position_m}, {"orientation", orientation_deg}}},
-      {"type", "geopose"},
-      {"geopose", camera.geopose},
-      {"scene", scene},
-      {"verdict", ToString(localized.verdict())},
-      {"confidence", localized.confidence()}});
+  nlohmann::ordered_json json;
+  json["id"] = request.id;
+  json["timestamp"] = request.timestamp_ms;
+  json["accuracy"]["position"] = position_m;
+  json["accuracy"]["orientation"] = orientation_deg;
+  json["type"] = "geopose";
+  json["geopose"] = camera.geopose;
+  json["scene"] = scene;
+  json["verdict"] = ToString(localized.verdict());
+  json["confidence"] = localized.confidence();
+  return JsonText(std::move(json));
 }
 
 }  // namespace raylift

@@ -41,10 +41,11 @@ Problem ProblemOfInput(const std::string& message) {
 }
 
 nlohmann::ordered_json ProblemObject(const Problem& problem) {
-  nlohmann::ordered_json json = {{"type", "about:blank"},
-                                 {"title", PhraseOf(problem.status())},
-                                 {"status", problem.status()},
-                                 {"detail", problem.what()}};
+  nlohmann::ordered_json json;
+  json["type"] = "about:blank";
+  json["title"] = PhraseOf(problem.status());
+  json["status"] = problem.status();
+  json["detail"] = problem.what();
   if (!problem.field().empty()) json["field"] = problem.field();
   return json;
 }

@@ -7,7 +7,6 @@
 #include <exception>
 #include <new>
 #include <string_view>
-#include <system_error>
 #include <thread>
 
 #include "service/connection.h"
@@ -224,7 +223,7 @@ class Server::Impl {
     if (reopening_.joinable()) reopening_.join();
     try {
       reopening_ = std::thread([this] { ReopenWhileAsked(); });
-    } catch (const std::system_error& error) {
+    } catch (const std::exception& error) {  // no thread, or no memory for one
       reopenings_asked_ = 0;
       LogStays(error);
     }

@@ -310,20 +310,21 @@ HttpAnswer Service::Get(std::string_view path, bool is_ready, const ReadGauges& 
 }
 
 HttpAnswer Service::ListScenes() const {
-  auto list = nlohmann::ordered_json::array();
+  nlohmann::ordered_json json;
+  auto& list = json["scenes"] = nlohmann::ordered_json::array();
   const auto scenes = Scenes();
   for (const auto& [name, opened] : *scenes) {
     const Scene& scene = opened->scene.localizer->scene();
-    auto kinds = nlohmann::ordered_json::array();
+    auto& entry = list.emplace_back();
+    entry["name"] = name;
+    entry["references"] = scene.references.images.size();
+    auto& kinds = entry["geometry"] = nlohmann::ordered_json::array();
     for (const SceneSource& source : scene.sources) {
       kinds.push_back(std::string(source.spec.substr(0, source.spec.find(':'))));
     }
-    list.push_back({{"name", name},
-                    {"references", scene.references.images.size()},
-                    {"geometry", kinds},
-                    {"calibrated", scene.calibration != nullptr}});
+    entry["calibrated"] = scene.calibration != nullptr;
   }
-  return {.body = JsonText(nlohmann::ordered_json{{"scenes", list}})};
+  return {.body = JsonText(std::move(json))};
 }
 
 LocalizedQuery Service::Run(const Opened& opened, LocalizeRequest request, const AnswerWatch& watch,
@@ -477,9 +478,11 @@ Service::BatchLine Service::Next(Batch& batch, const AnswerWatch& watch) {
       return batch.scene->Line(Run(*batch.scene, std::move(read), watch, line.tells));
     });
   } catch (const Problem& problem) {
-    line.text = JsonText(nlohmann::ordered_json{{"name", batch.photographs.photographs[index].name},
-                                                {"status", "refused"},
-                                                {"problem", ProblemObject(problem)}});
+    nlohmann::ordered_json json;
+    json["name"] = batch.photographs.photographs[index].name;
+    json["status"] = "refused";
+    json["problem"] = ProblemObject(problem);
+    line.text = JsonText(std::move(json));
   }
   line.text += '\n';
   return line;

@@ -204,14 +204,14 @@ ServedWalk SceneWalks::Before(const WalkStep& step) const {
 
 SceneWalks::Walked SceneWalks::GoOn(ServedWalk walk, const WalkedPhotograph& photograph) const {
   TrackedPose tracked = Track(photograph, distances_, {.scale = walk.scale}, walk.state);
-  nlohmann::ordered_json session = {
-      {"token", tokens_.Seal(std::move(walk), world_, std::chrono::system_clock::now())},
-      {"world_from_odometry", nullptr},
-      {"scale", tracked.scale}};
+  nlohmann::ordered_json session;
+  session["token"] = tokens_.Seal(std::move(walk), world_, std::chrono::system_clock::now());
+  session["world_from_odometry"] = nullptr;
+  session["scale"] = tracked.scale;
   if (tracked.world_from_odometry) {
     session["world_from_odometry"] = ToJson(*tracked.world_from_odometry);
   }
-  return {std::move(tracked.query), JsonText(session)};
+  return {std::move(tracked.query), JsonText(std::move(session))};
 }
 
 }  // namespace raylift

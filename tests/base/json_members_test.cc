@@ -87,5 +87,20 @@ TEST(JsonMembers, FaultsSayWhereTheyAre) {
       {"stops: expected one at least"}));
 }
 
+TEST(Dismantle, EmptiesAllLevelsOfRecords) {
+  nlohmann::ordered_json json = ToJson(kTrip);
+  const std::string text = JsonText(json);
+  EXPECT_EQ(JsonText(nlohmann::ordered_json(json)), text);
+  nlohmann::ordered_json given = json;
+  EXPECT_EQ(JsonText(std::move(given)), text);
+  Dismantle(json);
+  EXPECT_TRUE(json.empty());
+  auto deep = nlohmann::json::parse(std::string(100000, '[') + std::string(100000, ']'));
+  Dismantle(deep);
+  auto number = nlohmann::json(3);
+  Dismantle(number);
+  EXPECT_EQ(number, 3);
+}
+
 }  // namespace
 }  // namespace raylift

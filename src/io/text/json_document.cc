@@ -24,12 +24,18 @@ nlohmann::json Parse(std::string_view json, const std::filesystem::path& file) {
 }  // namespace
 
 struct JsonDocument::Impl {
+  Impl(std::string_view json, const std::filesystem::path& path)
+      : root(Parse(json, path)), file(path.string()) {}
+  ~Impl() { Dismantle(root); }
+  Impl(const Impl&) = delete;
+  Impl& operator=(const Impl&) = delete;
+
   nlohmann::json root;
   std::string file;
 };
 
 JsonDocument::JsonDocument(std::string_view json, const std::filesystem::path& file)
-    : impl_(std::make_unique<const Impl>(Impl{Parse(json, file), file.string()})) {}
+    : impl_(std::make_unique<const Impl>(json, file)) {}
 
 JsonDocument::~JsonDocument() = default;
 
