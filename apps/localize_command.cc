@@ -44,6 +44,14 @@ namespace {
 std::string LocalizeHeader(const LocalizeFlags& flags, const std::string& options_json,
                            const Scene& scene, std::span<const Query> queries) {
   auto options = nlohmann::ordered_json::parse(options_json);
+  auto inputs = InputsJson({.model = flags.references.model,
+                            .images = flags.images,
+                            .query_images = flags.QueryImages(),
+                            .out = flags.out,
+                            .matching = flags.matching,
+                            .threads = flags.run.threads},
+                           scene, queries);
+  if (flags.continuous.enabled) inputs["order"] = flags.Order(queries, scene.references);
   // Where they are written changes nothing, but that they are must hold for all queries.
   options["write-problems"] = !flags.write_problems.empty();
   options["report"] = !flags.report.empty();
@@ -58,13 +66,7 @@ std::string LocalizeHeader(const LocalizeFlags& flags, const std::string& option
                     "odometry", "cam-from-body", "odometry-scale", "online", "times",
                     // It is for the page alone.
                     "ground-truth"},
-                   InputsJson({.model = flags.references.model,
-                               .images = flags.images,
-                               .query_images = flags.QueryImages(),
-                               .out = flags.out,
-                               .matching = flags.matching,
-                               .threads = flags.run.threads},
-                              scene, queries));
+                   inputs);
 }
 
 // Returns the options of results, with the system of the world where the geometry's files alone
@@ -74,82 +76,6 @@ std::string OptionsWithWorld(const std::string& options_json,
   auto options = nlohmann::ordered_json::parse(options_json);
   if (world) options["crs"] = world->text;
   return OptionsOfResults(options.dump());
-}
-
-// Also writes queries.jsonl, whose lines say which queries joined the references.
-ContinuousRecords LocalizeInOrder(const LocalizeFlags& flags, LocalizeAll& localizer,
-                                  LocalizeOutput& output, const std::string& options_json) {
-  const ReferenceSet& references = localizer.scene().references;
-  const std::vector<size_t> order = flags.Order(localizer.queries(), references);
-  const ContinuousCheckpoint checkpoint(
-      flags.out / "continuous",
-      ContinuousRunKey(options_json, references, localizer.queries(), order), flags.running.resume);
-  Progress progress("queries", order.size(), flags.run.Show());
-  ContinuousRecords records =
-      localizer.RunContinuously({.order = order,
-                                 .checkpoint = checkpoint,
-                                 .gate = flags.continuous.Gate(),
-                                 .weigh = !flags.continuous.trust_joined,
-                                 .stop = &SignalGuard::stop(),
-                                 .on_done = [&](size_t i, const QueryResult* result) {
-                                   if (result != nullptr) SyncFiles(output.Show(i, *result));
-                                   progress.Advance();
-                                 }});
-  RequireNoneLeft(CountMissing(records), "queries");
-  WriteQueryDiagnostics(flags.out / "queries.jsonl", records);
-  return records;
-}
-
-struct ContinuousInputs {
-  const Scene& scene;
-  std::span<const Query> queries;
-  const LocalizeAllOptions& options;
-  const std::vector<std::string>& warnings;  // of the scene
-  const std::string& options_json;
-  const std::string& options_of_results;
-  LapClock clock;
-  RunTimes times;  // as far as they are known
-};
-
-// Localizes all queries one after the other, in an order of their own, and writes what was asked
-// for. Throws Interrupted where a signal came first.
-void LocalizeContinuously(const LocalizeFlags& flags, const ContinuousInputs& inputs,
-                          LocalizeOutput& output) {
-  LapClock clock = inputs.clock;
-  RunTimes times = inputs.times;
-  std::unique_ptr<LocalizeAll> localizer;
-  UntilSignal(
-      [&] { localizer = OpenLocalizer(flags, inputs.scene, inputs.queries, inputs.options); });
-  times.matching = clock.Lap();
-  UntilSignal([&] { localizer->Calibrate(); });
-  std::vector<std::string> warnings = inputs.warnings;
-  for (std::string& warning :
-       WriteCalibration(flags, localizer->scene(), inputs.options.localizer.estimator)) {
-    warnings.push_back(std::move(warning));
-  }
-  std::vector<LocalizedQuery> localized;
-  size_t joined = 0;
-  for (auto& record : LocalizeInOrder(flags, *localizer, output, inputs.options_json)) {
-    joined += record->joined ? 1 : 0;
-    localized.push_back(std::move(record->localized));
-  }
-  for (std::string& warning :
-       InputOrDepthWarnings(flags, localizer->ContinuousWarnings(localized), localizer->scene())) {
-    warnings.push_back(std::move(warning));
-  }
-  PrintWarnings(warnings);
-  const Scene& scene = localizer->scene();
-  times.queries = clock.Lap();
-  times.writing = output.ShowSeconds();
-  WritePoses(flags.out / "poses.txt", localized);
-  RemoveWalk(flags.out);
-  WriteSummary(flags.out / "summary.json", localized,
-               {.num_references = scene.references.images.size(),
-                .geometry = SummaryOf(scene.sources),
-                .warnings = warnings});
-  WriteTiming(flags.out / "timing.jsonl", localized, times);
-  output.Finish(localized, {scene, inputs.queries, warnings, times, joined},
-                inputs.options_of_results);
 }
 
 // The walks of --odometry are read before the work and smoothed after it.
@@ -196,8 +122,7 @@ class LocalizeRun {
   LocalizeRun(const LocalizeFlags& flags, LocalizeAllOptions options,
               const std::string& options_json)
       : flags_(flags), options_(std::move(options)), options_json_(options_json) {
-    RefuseFormerResults(flags);
-    RemoveOtherMode(flags);
+    RefuseFormerRun(flags.running.In(flags.out), QueryJobForm(flags.out));
     UntilSignal([this] {
       LocalizeInputs inputs = OpenLocalizeInputs(flags_);
       scene_ = std::move(inputs.scene);
@@ -216,18 +141,6 @@ class LocalizeRun {
   }
 
   void Run() {
-    if (flags_.continuous.enabled) {
-      LocalizeContinuously(flags_,
-                           {scene_, queries_, options_, warnings_, options_json_,
-                            options_of_results_, clock_, times_},
-                           *output_);
-    } else {
-      RunAsJob();
-    }
-  }
-
- private:
-  void RunAsJob() {
     QueryJob job(queries_, LocalizeHeader(flags_, options_json_, scene_, queries_),
                  flags_.running.In(flags_.out));
     const std::vector<size_t> missing = job.Missing();
@@ -251,6 +164,7 @@ class LocalizeRun {
     Finish(job, missing.size());
   }
 
+ private:
   // What a run before this one has found, unless another one is given.
   void TakeCalibration(const RunFacts& facts) {
     if (scene_.calibration != nullptr) return;
@@ -270,23 +184,43 @@ class LocalizeRun {
             .warnings = warnings_,
             .checks_geometry = localizer.ChecksGeometry(),
             .calibration = *scene.calibration,
-            .input_warnings = known
-                                  ? known->input_warnings
-                                  : InputOrDepthWarnings(flags_, localizer.InputWarnings(), scene),
+            .input_warnings = known ? known->input_warnings : InputWarnings(localizer),
             .files = PromiseFiles(flags_.out, written.paths())};
+  }
+
+  std::vector<std::string> InputWarnings(LocalizeAll& localizer) const {
+    return InputOrDepthWarnings(flags_, localizer.InputWarnings(), localizer.scene());
   }
 
   void Localize(LocalizeAll& localizer, const std::vector<size_t>& missing, QueryJob& job) {
     Progress progress("queries", missing.size(), flags_.run.Show());
-    localizer.Run(
-        missing,
-        [&](size_t i, const QueryResult& result) {
-          const std::vector<std::filesystem::path> files = output_->Show(i, result);
-          job.Add(i, result.localized, localizer.MatchWarnings(), localizer.LogFocalFactor(i),
-                  files);
-          progress.Advance();
-        },
-        &SignalGuard::stop());
+    const auto add = [&](size_t i, const QueryResult& result, const JoinDecision& decision) {
+      const std::vector<std::filesystem::path> files = output_->Show(i, result);
+      job.Add(i, {.localized = result.localized,
+                  .diagnostics = decision.diagnostics,
+                  .warnings = localizer.MatchWarnings(),
+                  .log_focal_factor = localizer.LogFocalFactor(i),
+                  .joined = decision.joined,
+                  .files = PromiseFiles(flags_.out, files)});
+      progress.Advance();
+    };
+    if (flags_.continuous.enabled) {
+      const std::vector<size_t> order = flags_.Order(queries_, localizer.scene().references);
+      localizer.RunContinuously({.order = order,
+                                 .done = job.Joined(),
+                                 .gate = flags_.continuous.Gate(),
+                                 .weigh = !flags_.continuous.trust_joined,
+                                 .stop = &SignalGuard::stop(),
+                                 .on_done = add});
+      warnings_of_continuous_ = InputWarnings(localizer);
+    } else {
+      localizer.Run(
+          missing,
+          [&](size_t i, const QueryResult& result) {
+            add(i, result, {.diagnostics = FormatQueryDiagnostics(result.localized)});
+          },
+          &SignalGuard::stop());
+    }
     RequireNoneLeft(job.Missing().size(), "queries");
   }
 
@@ -299,6 +233,7 @@ class LocalizeRun {
     }
     if (!records) return;
     RunFacts facts = *job.facts();
+    if (warnings_of_continuous_) facts.input_warnings = *warnings_of_continuous_;
     const std::optional<WalkedQueries> walked = Smooth(facts, *records);
     if (walked) {
       facts.warnings.insert(facts.warnings.end(), walked->warnings.begin(), walked->warnings.end());
@@ -314,12 +249,17 @@ class LocalizeRun {
       RemoveWalk(flags_.out);
     }
     std::vector<LocalizedQuery> localized;
-    for (const QueryRecord& record : *records) localized.push_back(record.localized);
+    size_t joined = 0;
+    for (const QueryRecord& record : *records) {
+      localized.push_back(record.localized);
+      joined += record.joined ? 1 : 0;
+    }
     output_->Finish(localized,
                     {.scene = scene_,
                      .queries = queries_,
                      .warnings = warnings,
                      .times = times_,
+                     .joined = joined,
                      .walked = walked ? &*walked : nullptr},
                     options_of_results_);
     job.Finish(results.paths());
@@ -341,6 +281,8 @@ class LocalizeRun {
   std::vector<Walk> walks_;
   Scene scene_;
   std::vector<std::string> warnings_;
+  // Of the input, by the queries that were localized one after the other.
+  std::optional<std::vector<std::string>> warnings_of_continuous_;
   std::unique_ptr<LocalizeOutput> output_;
   LapClock clock_;
   RunTimes times_;

@@ -104,9 +104,6 @@ void CheckRunning(const LocalizeFlags& flags) {
   if (!flags.ground_truth.empty() && flags.report.empty()) {
     throw OptionError("--ground-truth", flags.ground_truth.string(), "is for --report");
   }
-  if (!flags.report.empty() && flags.running.resume && flags.continuous.enabled) {
-    throw OptionError("--report does not go with --resume of a --continuous run");
-  }
 }
 
 // A rig is localized as one, once.
@@ -408,26 +405,6 @@ std::vector<size_t> LocalizeFlags::Order(std::span<const Query> list,
                                          const ReferenceSet& set) const {
   if (times.empty()) return OrderByName(list);
   return OrderByTime(list, set.images, ReadTimes(times), times);
-}
-
-std::string ContinuousRunKey(const std::string& options_json, const ReferenceSet& references,
-                             std::span<const Query> queries, std::span<const size_t> order) {
-  auto options = nlohmann::ordered_json::parse(options_json);
-  for (const char* name :
-       {"threads", "quiet", "resume", "overwrite", "shard", "config", "cache", "report", "pictures",
-        "write-problems", "no-doctor", "out", "times", "ground-truth"}) {
-    options.erase(name);
-  }
-  std::string text = options.dump();
-  for (const PosedImage& image : references.images) {
-    const Eigen::Quaterniond& q = image.cam_from_world.rotation;
-    const Eigen::Vector3d& t = image.cam_from_world.translation;
-    text += fmt::format("\n{} {} {} {} {} {} {} {} {}", image.name, image.camera.ToString(), q.w(),
-                        q.x(), q.y(), q.z(), t.x(), t.y(), t.z());
-  }
-  text += '\n' + QueriesFingerprint(queries);
-  for (const size_t i : order) text += fmt::format(" {}", i);
-  return HexText(HashBytes64(text));
 }
 
 }  // namespace raylift

@@ -39,11 +39,6 @@ struct ContinuousFlags {
   int MaxJoined(int top_k) const;
 };
 
-// Equal for runs that give the same results: a hash of the effective options, but for those that
-// change no result, of the references, and of the queries in their order.
-std::string ContinuousRunKey(const std::string& options_json, const ReferenceSet& references,
-                             std::span<const Query> queries, std::span<const size_t> order);
-
 // The odometry of a walk: `localize --odometry`. The times are --times.
 struct WalkFlags {
   std::filesystem::path odometry;

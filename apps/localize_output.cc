@@ -28,30 +28,7 @@ path FileOfQuery(const path& folder, const std::string& query, const char* exten
   return PathBelow(folder, query) += extension;
 }
 
-path CheckpointOf(const LocalizeFlags& flags) { return flags.out / "continuous"; }
-
-// Returns whether the folder holds a run with --continuous where none is asked for, or the reverse.
-bool HoldsOtherMode(const LocalizeFlags& flags) {
-  return flags.continuous.enabled ? !ListManifests(flags.out).empty() : Exists(CheckpointOf(flags));
-}
-
 }  // namespace
-
-void RefuseFormerResults(const LocalizeFlags& flags) {
-  if (!flags.running.overwrite && HoldsOtherMode(flags)) {
-    throw OptionError("--out", flags.out.string(),
-                      fmt::format("holds a former run {} --continuous; --overwrite removes it",
-                                  flags.continuous.enabled ? "without" : "with"));
-  }
-  RefuseFormerRun(flags.running.In(flags.out), QueryJobForm(flags.out));
-}
-
-void RemoveOtherMode(const LocalizeFlags& flags) {
-  if (!HoldsOtherMode(flags)) return;
-  std::error_code ignored;
-  std::filesystem::remove_all(CheckpointOf(flags), ignored);
-  for (const path& manifest : ListManifests(flags.out)) std::filesystem::remove(manifest, ignored);
-}
 
 LocalizeOutput::LocalizeOutput(const LocalizeFlags& flags, size_t num_queries,
                                std::shared_ptr<const RayCaster> mesh)

@@ -12,7 +12,6 @@
 
 #include "apps/localize_flags.h"
 #include "base/lap_clock.h"
-#include "localization/continuous/continuous_localizer.h"
 
 #include "raylift/localization/localizer.h"
 #include "raylift/localization/result_files.h"
@@ -20,11 +19,6 @@
 #include "raylift/report/localization_report.h"
 
 namespace raylift {
-
-// Throws OptionError where the folder holds a former run and no option says what is to become of it.
-void RefuseFormerResults(const LocalizeFlags& flags);
-// Of runs with --continuous and those without it, removes the other, as --overwrite asks for.
-void RemoveOtherMode(const LocalizeFlags& flags);
 
 class LocalizeOutput {
  public:

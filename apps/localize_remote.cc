@@ -39,7 +39,7 @@ void Check(const LocalizeFlags& localize) {
                           {"--rerender", localize.mesh_only.rerender > 0},
                           {"--resume", localize.running.resume},
                           {"--shard", !localize.running.Resolve().IsAll()}});
-  RefuseFormerResults(localize);
+  RefuseFormerRun(localize.running.In(localize.out), QueryJobForm(localize.out));
 }
 
 // Returns the line of queries.jsonl, as a local run has it. Throws InputError for anything else.
@@ -63,7 +63,6 @@ std::string LineOf(std::string answer, const Query& query) {
 void RemoveFormerResults(const LocalizeFlags& localize) {
   const std::filesystem::path& out = localize.out;
   const bool is_of_run = !ListManifests(out).empty();
-  RemoveOtherMode(localize);
   RemoveFormerRun(out, QueryJobForm(out));
   if (!is_of_run) return;
   std::error_code ignored;

@@ -6,8 +6,10 @@
 #include <tuple>
 
 #include "base/hash.h"
+#include "base/json_text.h"
 #include "localization/calibration_images.h"
 #include "localization/continuous/continuous_localizer.h"
+#include "localization/results/query_job.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -261,22 +263,33 @@ class SubsampledScene {
 
   // A run that was killed goes on at the query it was at.
   std::vector<QueryOutcome> RunContinuously(const Cell& cell) {
-    const path checkpoint_folder = options_.cache / "continuous" / cell.Key();
-    const ContinuousCheckpoint checkpoint(checkpoint_folder, cell.Key(), /*resume=*/true);
+    const path folder = options_.cache / "continuous" / cell.Key();
+    QueryJob job(queries_, JsonText(nlohmann::ordered_json{{"cell", cell.Key()}}),
+                 {.out = folder, .resume = true});
+    job.Begin({});
     const LocalizerOptions options = LocalizerOptionsOf(cell);
     const int max_joined =
         JoinsAsInPaper(options.estimator) ? settings_.top_k : std::max(1, settings_.top_k / 2);
     GrowingScene growing(*SceneOf(cell), OpenMatches(max_joined), options, /*weigh=*/true);
-    const ContinuousRecords records = LocalizeContinuously(
-        queries_, ContinuousOrder(), growing, checkpoint, {.threads = options_.threads},
-        {.on_done = [&](size_t, const QueryResult*) {
+    const std::vector<size_t> order = ContinuousOrder();
+    const ContinuousRun run{
+        .order = order,
+        .done = job.Joined(),
+        .threads = options_.threads,
+        .on_done = [&](size_t i, const QueryResult& result, const JoinDecision& decision) {
+          job.Add(i, {.localized = result.localized,
+                      .diagnostics = decision.diagnostics,
+                      .joined = decision.joined});
           if (options_.on_estimate) options_.on_estimate();
-        }});
-    RAYLIFT_CHECK_EQ(CountMissing(records), size_t{0});
+        }};
+    for (size_t i = 0; i < run.done.size() && options_.on_estimate; ++i) options_.on_estimate();
+    LocalizeContinuously(queries_, growing, run);
     std::vector<QueryOutcome> outcomes;
-    for (const auto& record : records) outcomes.push_back(OutcomeOf(record->localized));
+    for (const QueryRecord& record : job.Whole().value()) {
+      outcomes.push_back(OutcomeOf(record.localized));
+    }
     std::error_code ignored;
-    std::filesystem::remove_all(checkpoint_folder, ignored);
+    std::filesystem::remove_all(folder, ignored);
     return outcomes;
   }
 

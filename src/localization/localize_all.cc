@@ -209,21 +209,18 @@ std::vector<QueryResult> LocalizeAll::LocalizeFrame(const Frame& frame) const {
   return results;
 }
 
-ContinuousRecords LocalizeAll::RunContinuously(const ContinuousRun& run) {
+void LocalizeAll::RunContinuously(ContinuousRun run) {
   RAYLIFT_CHECK(options_.one_by_one && matches_ != nullptr);
   Calibrate();
   GrowingScene growing(scene(), matches_, options_.localizer, run.weigh);
-  return LocalizeContinuously(queries_, run.order, growing, run.checkpoint,
-                              {.gate = run.gate, .threads = options_.threads, .stop = run.stop},
-                              {.on_localized =
-                                   [&](size_t i, QueryResult& result) {
-                                     if (options_.check_input && doctor_->Wants(i)) {
-                                       doctor_->Add(i, result.problem.references,
-                                                    result.problem.matches_2d2d);
-                                     }
-                                     Complete(i, growing.localizer(), result);
-                                   },
-                               .on_done = run.on_done});
+  run.threads = options_.threads;
+  run.on_localized = [&](size_t i, QueryResult& result) {
+    if (options_.check_input && doctor_->Wants(i)) {
+      doctor_->Add(i, result.problem.references, result.problem.matches_2d2d);
+    }
+    Complete(i, growing.localizer(), result);
+  };
+  LocalizeContinuously(queries_, growing, run);
 }
 
 // What comes after the pose.
@@ -244,7 +241,7 @@ std::vector<std::string> LocalizeAll::MatchWarnings() const {
 std::vector<std::string> LocalizeAll::InputWarnings() {
   if (!options_.check_input) return {};
   ParallelFor(queries_.size(), options_.threads, [&](size_t i) {
-    if (!doctor_->Wants(i)) return;
+    if (options_.one_by_one || !doctor_->Wants(i)) return;
     const QueryMatches matches = cached_->Match(queries_[i]);
     doctor_->Add(i, matches.references, matches.matches);
   });
@@ -281,22 +278,6 @@ std::vector<std::string> LocalizeAll::DoctorWarnings() const {
 bool LocalizeAll::ChecksGeometry() const {
   return options_.check_input && Uses2D3D(options_.localizer.estimator.method) &&
          !scene().sources.empty();
-}
-
-std::vector<std::string> LocalizeAll::ContinuousWarnings(
-    std::span<const LocalizedQuery> localized) const {
-  std::vector<std::string> warnings = MatchWarnings();
-  if (!options_.check_input) return warnings;
-  std::vector<double> log_focal_factors;
-  for (const auto& factor : log_focal_factors_) {
-    if (factor) log_focal_factors.push_back(*factor);
-  }
-  const std::vector<std::string> of_doctor = DoctorWarnings();
-  for (const auto& more : {of_doctor, RunWarnings(localized, log_focal_factors,
-                                                  ChecksGeometry() && of_doctor.empty())}) {
-    warnings.insert(warnings.end(), more.begin(), more.end());
-  }
-  return warnings;
 }
 
 }  // namespace raylift

@@ -3,7 +3,6 @@
 #include "fuzz/fuzz_targets.h"
 #include "jobs/job_status.h"
 #include "jobs/manifest_file.h"
-#include "localization/continuous/checkpoint.h"
 #include "localization/results/query_job.h"
 #include "views/task_list.h"
 
@@ -53,22 +52,15 @@ LocalizedQuery Localized() {
   return query;
 }
 
-// The one query's record of a continuous run, which begins to read it where a former one has ended.
-std::filesystem::path RecordFile() {
-  for (const auto& entry : std::filesystem::directory_iterator(ScratchFolder() / "continuous")) {
-    if (entry.path().filename() != "run.json") return entry.path();
-  }
-  return {};
-}
-
-ContinuousCheckpoint Checkpoint(bool resume) {
-  return ContinuousCheckpoint(ScratchFolder() / "continuous", "key", resume);
-}
-
-std::vector<std::string> RecordSeeds() {
+// Lines of a continuous run.
+std::vector<std::string> ManifestSeeds() {
   const LocalizedQuery query = Localized();
-  Checkpoint(false).Write(0, {query, FormatQueryDiagnostics(query), std::nullopt});
-  return {TakeFile(RecordFile())};
+  QueryRecord record{.key = "k", .localized = query, .diagnostics = FormatQueryDiagnostics(query)};
+  record.joined = {.image = {query.name, Camera(), Rigid3()},
+                   .covariance = PoseCovariance::Identity(),
+                   .links = {{{1, 2}, {3, 4, 5}}}};
+  return {"{\"command\": \"localize\", \"tasks\": 2}\n" + ToJsonLine(RunFacts{}) + "\n" +
+          ToJsonLine(record) + "\n"};
 }
 
 }  // namespace
@@ -89,12 +81,9 @@ std::vector<FuzzTarget> RunFuzzTargets() {
          RecordsOf(ReadTaskManifest(file, &IsReadableLine));
          ReadJobStatus(file.parent_path());
        },
-       [] {
-         return OneSeed(
-             "{\"command\": \"localize\", \"tasks\": 2}\n{\"num_references\": 1}\n"
-             "{\"name\": \"a.jpg\", \"place\": 0, \"key\": \"k\", \"warnings\": []}\n");
-       },
-       "\"name\" \"place\" \"key\" \"tasks\" \"shard\" \"queries\" null -1 1e308 [[[["},
+       &ManifestSeeds,
+       "\"name\" \"place\" \"key\" \"tasks\" \"shard\" \"queries\" \"joined\" \"links\" \"camera\" "
+       "null -1 1e308 [[[["},
       {"query_diagnostics",
        [](std::string_view bytes) {
          const auto file = PutFile("queries.jsonl", bytes);
@@ -102,13 +91,6 @@ std::vector<FuzzTarget> RunFuzzTargets() {
        },
        [] { return std::vector{FormatQueryDiagnostics(Localized()) + "\n"}; },
        "\"covariance\" \"pose\" \"status\" \"verdict\" \"confidence\" null -1 1e308 1e-320 [[[["},
-      {"continuous_record",
-       [](std::string_view bytes) {
-         static const std::filesystem::path file = (RecordSeeds(), RecordFile());
-         PutFile(file.lexically_relative(ScratchFolder()), bytes);
-         Checkpoint(true).Read(0, {Localized().name, Camera()});
-       },
-       &RecordSeeds, "\"joined\" \"links\" \"camera\" \"diagnostics\" null -1 1e308 [[[["},
       {"image_size", [](std::string_view bytes) { ParseSize("--size", std::string(bytes)); },
        [] { return std::vector<std::string>{"640x480"}; }, "x 2147483648 -1"},
   };

@@ -4,6 +4,7 @@
 #include <map>
 
 #include "localization/matching/file_matches.h"
+#include "localization/results/query_job.h"
 #include "support/match_file.h"
 #include "support/matchers.h"
 #include "support/room_scene.h"
@@ -75,10 +76,10 @@ class ContinuousLocalizer : public ::testing::Test {
     WriteMatchFile(scene_.matches(), all);
   }
 
-  // Stops after so many queries.
-  ContinuousRecords Run(const fs::path& folder, bool resume = false, size_t stop_after = 9,
-                        const JoinGateOptions& gate = {},
-                        Refinement refinement = Refinement::kRobust) {
+  // Stops after so many queries, and returns nothing then.
+  std::vector<QueryRecord> Run(const fs::path& folder, bool resume = false, size_t stop_after = 9,
+                               const JoinGateOptions& gate = {},
+                               Refinement refinement = Refinement::kRobust) {
     const Scene scene = OpenScene({.model = scene_.model(),
                                    .geometry = {"mesh:" + scene_.mesh().string()},
                                    .wrap_source = [](std::shared_ptr<const GeometrySource> mesh) {
@@ -90,13 +91,27 @@ class ContinuousLocalizer : public ::testing::Test {
     options.estimator.method = Method::kP3p;
     options.estimator.refinement = refinement;
     GrowingScene growing(scene, std::move(source), options, true);
+    QueryJob job(queries_, R"({"command": "localize"})", {.out = folder, .resume = resume});
+    job.Begin({});
+    const std::vector<size_t> order = OrderByName(queries_);
     std::atomic<bool> stop = false;
     size_t done = 0;
-    return LocalizeContinuously(
-        queries_, OrderByName(queries_), growing, ContinuousCheckpoint(folder, "key", resume),
-        {.gate = gate, .threads = 2, .stop = &stop},
-        {.on_localized = [&](size_t, QueryResult&) { ++localized_; },
-         .on_done = [&](size_t, const QueryResult*) { stop = ++done >= stop_after; }});
+    LocalizeContinuously(
+        queries_, growing,
+        {.order = order,
+         .done = job.Joined(),
+         .gate = gate,
+         .threads = 2,
+         .stop = &stop,
+         .on_localized = [&](size_t, QueryResult&) { ++localized_; },
+         .on_done =
+             [&](size_t i, const QueryResult& result, const JoinDecision& decision) {
+               job.Add(i, {.localized = result.localized,
+                           .diagnostics = decision.diagnostics,
+                           .joined = decision.joined});
+               stop = ++done >= stop_after;
+             }});
+    return job.Whole().value_or(std::vector<QueryRecord>());
   }
 
   RoomScene scene_ = WriteRoomScene(TestFolder());
@@ -105,53 +120,53 @@ class ContinuousLocalizer : public ::testing::Test {
 };
 
 TEST_F(ContinuousLocalizer, AQueryIsFoundThroughAnotherAndItsLinks) {
-  const ContinuousRecords records = Run(scene_.folder / "out");
-  ASSERT_EQ(CountMissing(records), 0u);
-  EXPECT_TRUE(records[0]->joined.has_value());
+  const std::vector<QueryRecord> records = Run(scene_.folder / "out");
+  ASSERT_EQ(records.size(), 2u);
+  EXPECT_TRUE(records[0].joined.has_value());
   for (size_t i = 0; i < 2; ++i) {
-    ASSERT_TRUE(records[i]->localized.localized()) << records[i]->localized.reason;
-    EXPECT_TRUE(IsNearPose(*records[i]->localized.estimate.cam_from_world,
+    ASSERT_TRUE(records[i].localized.localized()) << records[i].localized.reason;
+    EXPECT_TRUE(IsNearPose(*records[i].localized.estimate.cam_from_world,
                            scene_.queries[i].cam_from_world, 1e-3, 1e-4));
   }
-  const auto b = nlohmann::json::parse(records[1]->diagnostics);
+  const auto b = nlohmann::json::parse(records[1].diagnostics);
   EXPECT_EQ(b["retrieved_joined"], 1);
   EXPECT_EQ(b["place_in_order"], 1);
-  EXPECT_EQ(b["hit"], records[1]->localized.counts.matched);
+  EXPECT_EQ(b["hit"], records[1].localized.counts.matched);
   // With one reference there is no E5+1.
   EXPECT_EQ(b["joined"], false);
   EXPECT_EQ(b["not_joined_because"], "P3P or E5+1 alone finds no pose");
 }
 
 TEST_F(ContinuousLocalizer, WhatTheGateKeepsOutIsNoReference) {
-  const ContinuousRecords records =
+  const std::vector<QueryRecord> records =
       Run(scene_.folder / "out", false, 9, {.min_inliers_2d2d = 100000});
-  EXPECT_TRUE(records[0]->localized.localized());
-  EXPECT_FALSE(records[0]->joined.has_value());
-  EXPECT_EQ(records[1]->localized.reason, "no retrieved references");
+  EXPECT_TRUE(records[0].localized.localized());
+  EXPECT_FALSE(records[0].joined.has_value());
+  EXPECT_EQ(records[1].localized.reason, "no retrieved references");
 }
 
 TEST_F(ContinuousLocalizer, AsInThePaperThereIsNoGate) {
-  const ContinuousRecords records =
+  const std::vector<QueryRecord> records =
       Run(scene_.folder / "out", false, 9, {.min_inliers_2d2d = 100000}, Refinement::kPaper);
   for (size_t i = 0; i < 2; ++i) {
-    ASSERT_TRUE(records[i]->localized.localized()) << records[i]->localized.reason;
-    ASSERT_TRUE(records[i]->joined.has_value());
-    EXPECT_EQ(nlohmann::json::parse(records[i]->diagnostics)["not_joined_because"], "");
+    ASSERT_TRUE(records[i].localized.localized()) << records[i].localized.reason;
+    ASSERT_TRUE(records[i].joined.has_value());
+    EXPECT_EQ(nlohmann::json::parse(records[i].diagnostics)["not_joined_because"], "");
   }
 }
 
 TEST_F(ContinuousLocalizer, ARunThatWasStoppedGoesOnToTheSameBytes) {
   const fs::path whole = scene_.folder / "whole";
   const fs::path stopped = scene_.folder / "stopped";
-  const ContinuousRecords expected = Run(whole);
-  EXPECT_EQ(CountMissing(Run(stopped, false, 1)), 1u);
+  const std::vector<QueryRecord> expected = Run(whole);
+  EXPECT_TRUE(Run(stopped, false, 1).empty());
   localized_ = 0;
-  const ContinuousRecords records = Run(stopped, true);
+  const std::vector<QueryRecord> records = Run(stopped, true);
   EXPECT_EQ(localized_, 1);
   for (size_t i = 0; i < 2; ++i) {
-    EXPECT_EQ(records[i]->diagnostics, expected[i]->diagnostics);
-    EXPECT_TRUE(IsNearPose(*records[i]->localized.estimate.cam_from_world,
-                           *expected[i]->localized.estimate.cam_from_world, 0, 0));
+    EXPECT_EQ(records[i].diagnostics, expected[i].diagnostics);
+    EXPECT_TRUE(IsNearPose(*records[i].localized.estimate.cam_from_world,
+                           *expected[i].localized.estimate.cam_from_world, 0, 0));
   }
   localized_ = 0;
   Run(stopped, true);

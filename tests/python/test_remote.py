@@ -103,7 +103,6 @@ def test_a_former_run_is_kept_unless_it_is_to_be_overwritten(
     token, out = tmp_path / "token", tmp_path / "out"
     token.write_text("secret")
     shutil.copytree(run, out)
-    (out / "continuous").mkdir()  # of a run with --continuous
     list_of_one = tmp_path / "queries.txt"
     list_of_one.write_text((DEMO / "queries.txt").read_text().splitlines()[0] + "\n")
     before = sorted(path.name for path in out.iterdir())

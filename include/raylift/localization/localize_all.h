@@ -33,7 +33,6 @@ namespace raylift {
 class FocalCheck;
 class QuickDoctor;
 class Rerenderer;
-struct ContinuousRecord;
 struct ContinuousRun;
 
 struct LocalizeAllOptions {
@@ -77,9 +76,8 @@ class LocalizeAll {
   void Run(std::span<const size_t> queries, const OnResult& on_result,
            const std::atomic<bool>* stop = nullptr);
 
-  // One after the other (continuous/continuous_localizer.h); the records are in the order of the
-  // list, and missing where a signal came first.
-  std::vector<std::optional<ContinuousRecord>> RunContinuously(const ContinuousRun& run);
+  // One after the other (continuous/continuous_localizer.h).
+  void RunContinuously(ContinuousRun run);
 
   // One query by each of the configurations. Hands over each one's result; the calls may come in
   // any order and, for different configurations, from several threads. Thread safe after
@@ -92,10 +90,9 @@ class LocalizeAll {
 
   // Warnings of the matches that were made so far, sorted.
   std::vector<std::string> MatchWarnings() const;
-  // Warnings of how depth and poses are read, by some 30 queries; none where they are not checked.
+  // Warnings of how depth and poses are read, by some 30 queries, or by those that
+  // RunContinuously() has localized; none where they are not checked.
   std::vector<std::string> InputWarnings();
-  // All warnings, after RunContinuously().
-  std::vector<std::string> ContinuousWarnings(std::span<const LocalizedQuery> localized) const;
   // Whether the geometry is to be judged by all results (RunWarnings()).
   bool ChecksGeometry() const;
 

@@ -20,8 +20,8 @@ using Json = nlohmann::ordered_json;
 
 // Both solvers are asked where both have what they need.
 std::optional<SolverPoses> AskSolvers(const QueryResult& result, const EstimatorOptions& estimator,
-                                      const ContinuousOptions& options) {
-  if (JoinsAsInPaper(estimator) || !options.gate.needs_agreement ||
+                                      const ContinuousRun& run) {
+  if (JoinsAsInPaper(estimator) || !run.gate.needs_agreement ||
       result.problem.matches_2d3d.empty()) {
     return std::nullopt;
   }
@@ -29,7 +29,7 @@ std::optional<SolverPoses> AskSolvers(const QueryResult& result, const Estimator
   if (estimate.p3p_cam_from_world && estimate.e5p1_cam_from_world) {
     return SolverPoses{estimate.p3p_cam_from_world, estimate.e5p1_cam_from_world};
   }
-  return EstimateBySolvers(result.problem, estimator, options.threads);
+  return EstimateBySolvers(result.problem, estimator, run.threads);
 }
 
 size_t CountJoined(const PoseProblem& problem, const JoinedReferences& joined) {
@@ -41,11 +41,10 @@ size_t CountJoined(const PoseProblem& problem, const JoinedReferences& joined) {
 }
 
 // Decides on a query that was just localized.
-ContinuousRecord MakeRecord(const QueryResult& result, size_t place, const GrowingScene& scene,
-                            const ContinuousOptions& options) {
+JoinDecision Decide(const QueryResult& result, size_t place, const GrowingScene& scene,
+                    const ContinuousRun& run) {
   const PoseEstimate& estimate = result.localized.estimate;
-  ContinuousRecord record;
-  record.localized = result.localized;
+  JoinDecision decision;
   Json json = Json::parse(FormatQueryDiagnostics(result.localized));
   json["place_in_order"] = place;
   json["retrieved_joined"] = CountJoined(result.problem, scene.joined());
@@ -53,8 +52,8 @@ ContinuousRecord MakeRecord(const QueryResult& result, size_t place, const Growi
   if (result.localized.localized()) {
     const EstimatorOptions& estimator = scene.localizer().options().estimator;
     const JoinEvidence evidence =
-        CollectEvidence(result, scene.joined(), AskSolvers(result, estimator, options));
-    reason = JoinsAsInPaper(estimator) ? "" : ReasonNotToJoin(evidence, options.gate);
+        CollectEvidence(result, scene.joined(), AskSolvers(result, estimator, run));
+    reason = JoinsAsInPaper(estimator) ? "" : ReasonNotToJoin(evidence, run.gate);
     if (evidence.difference_deg) {
       json["solvers_differ_deg"] = *evidence.difference_deg;
       json["solvers_differ_position"] = *evidence.difference_position;
@@ -64,18 +63,18 @@ ContinuousRecord MakeRecord(const QueryResult& result, size_t place, const Growi
       json["joint_position_sigma"] = evidence.position_sigma;
     }
     if (reason.empty()) {
-      record.joined = {.image = {result.localized.name,
-                                 estimate.refined_camera.value_or(result.problem.query_camera),
-                                 *estimate.cam_from_world},
-                       .covariance = evidence.covariance,
-                       .distance = evidence.distance,
-                       .links = LinksOfInliers(result)};
+      decision.joined = {.image = {result.localized.name,
+                                   estimate.refined_camera.value_or(result.problem.query_camera),
+                                   *estimate.cam_from_world},
+                         .covariance = evidence.covariance,
+                         .distance = evidence.distance,
+                         .links = LinksOfInliers(result)};
     }
   }
   json["joined"] = reason.empty();
   json["not_joined_because"] = reason;
-  record.diagnostics = json.dump();
-  return record;
+  decision.diagnostics = json.dump();
+  return decision;
 }
 
 // The scene as one sees it whose references may also be joined queries.
@@ -106,39 +105,22 @@ void GrowingScene::Join(const JoinedReference& reference) {
   source_->Join(reference.image);
 }
 
-size_t CountMissing(const ContinuousRecords& records) {
-  return static_cast<size_t>(
-      std::count_if(records.begin(), records.end(), [](const auto& record) { return !record; }));
-}
-
-void WriteQueryDiagnostics(const std::filesystem::path& path, const ContinuousRecords& records) {
-  std::vector<std::string> lines;
-  for (const auto& record : records) lines.push_back(record->diagnostics);
-  WriteQueryDiagnostics(path, lines);
-}
-
-ContinuousRecords LocalizeContinuously(std::span<const Query> queries,
-                                       std::span<const size_t> order, GrowingScene& scene,
-                                       const ContinuousCheckpoint& checkpoint,
-                                       const ContinuousOptions& options,
-                                       const ContinuousHooks& hooks) {
-  RAYLIFT_CHECK_EQ(order.size(), queries.size());
-  ContinuousRecords records(queries.size());
-  for (size_t place = 0; place < order.size(); ++place) {
-    const size_t query = order[place];
-    records[query] = checkpoint.Read(place, queries[query]);
-    std::optional<QueryResult> result;
-    if (!records[query]) {
-      if (options.stop != nullptr && *options.stop) break;
-      result = scene.localizer().Localize(queries[query]);
-      if (hooks.on_localized) hooks.on_localized(query, *result);
-      records[query] = MakeRecord(*result, place, scene, options);
+void LocalizeContinuously(std::span<const Query> queries, GrowingScene& scene,
+                          const ContinuousRun& run) {
+  RAYLIFT_CHECK_EQ(run.order.size(), queries.size());
+  for (size_t place = 0; place < run.order.size(); ++place) {
+    const size_t query = run.order[place];
+    if (const auto done = run.done.find(query); done != run.done.end()) {
+      if (done->second) scene.Join(*done->second);
+      continue;
     }
-    if (hooks.on_done) hooks.on_done(query, result ? &*result : nullptr);
-    if (result) checkpoint.Write(place, *records[query]);
-    if (records[query]->joined) scene.Join(*records[query]->joined);
+    if (run.stop != nullptr && *run.stop) return;
+    QueryResult result = scene.localizer().Localize(queries[query]);
+    if (run.on_localized) run.on_localized(query, result);
+    const JoinDecision decision = Decide(result, place, scene, run);
+    if (run.on_done) run.on_done(query, result, decision);
+    if (decision.joined) scene.Join(*decision.joined);
   }
-  return records;
 }
 
 namespace {

@@ -15,7 +15,6 @@
 #include <vector>
 
 #include "localization/calibration_images.h"
-#include "localization/continuous/checkpoint.h"
 #include "localization/continuous/join_gate.h"
 #include "localization/continuous/joined_references.h"
 
@@ -56,46 +55,29 @@ class GrowingScene {
   Localizer localizer_;
 };
 
-// How LocalizeAll takes queries one after the other.
-struct ContinuousRun {
-  std::span<const size_t> order;
-  const ContinuousCheckpoint& checkpoint;
-  JoinGateOptions gate = {};
-  bool weigh = true;
-  const std::atomic<bool>* stop = nullptr;
-  // `result` is null where an earlier run did the query.
-  std::function<void(size_t query, const QueryResult* result)> on_done = {};
+// What is decided on a query that was localized.
+struct JoinDecision {
+  std::string diagnostics;  // its line of queries.jsonl, without the line's end
+  std::optional<JoinedReference> joined = std::nullopt;  // nullopt: it does not join the references
 };
 
-struct ContinuousOptions {
+struct ContinuousRun {
+  std::span<const size_t> order;  // of the queries
+  // The queries that an earlier run has done, with what they have become.
+  std::map<size_t, std::optional<JoinedReference>> done = {};
   JoinGateOptions gate = {};  // not as in the paper
+  bool weigh = true;          // as GrowingScene's
   int threads = 0;
   const std::atomic<bool>* stop = nullptr;  // finish the query in hand
-};
-
-struct ContinuousHooks {
   // A query was localized with what the scene holds now, and may be changed before it is judged.
   std::function<void(size_t query, QueryResult& result)> on_localized = {};
-  // A query is done, and is kept when this returns; `result` is null where an earlier run did it.
-  std::function<void(size_t query, const QueryResult* result)> on_done = {};
+  // A query is done, and joins the references when this returns.
+  std::function<void(size_t query, const QueryResult& result, const JoinDecision& decision)>
+      on_done = {};
 };
 
-// The records of the queries, one for each, in the order of the list; with `stop`, those that were
-// not reached are missing.
-using ContinuousRecords = std::vector<std::optional<ContinuousRecord>>;
-
-size_t CountMissing(const ContinuousRecords& records);
-
-// `queries.jsonl`, as WriteQueryDiagnostics() writes it, with what was decided on each query. All
-// records must be there.
-void WriteQueryDiagnostics(const std::filesystem::path& path, const ContinuousRecords& records);
-
-// Takes the queries in `order`. What `checkpoint` holds is not done again.
-ContinuousRecords LocalizeContinuously(std::span<const Query> queries,
-                                       std::span<const size_t> order, GrowingScene& scene,
-                                       const ContinuousCheckpoint& checkpoint,
-                                       const ContinuousOptions& options,
-                                       const ContinuousHooks& hooks);
+void LocalizeContinuously(std::span<const Query> queries, GrowingScene& scene,
+                          const ContinuousRun& run);
 
 // The order in which continuous localization takes the queries (the paper's supplement): those that
 // are most like the references come first, where a scene changes slowly.

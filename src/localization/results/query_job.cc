@@ -5,6 +5,7 @@
 #include <system_error>
 #include <utility>
 
+#include "geometry/pose_json.h"
 #include "jobs/file_promises.h"
 #include "localization/checks/run_checks.h"
 #include "localization/results/result_json.h"
@@ -12,6 +13,7 @@
 
 #include "raylift/base/error.h"
 #include "raylift/base/file.h"
+#include "raylift/io/query_list.h"
 
 namespace raylift {
 
@@ -56,8 +58,7 @@ std::vector<std::string> WalkFilesIn(const std::filesystem::path& out) {
 
 QueryJob::QueryJob(std::span<const Query> queries, const std::string& header,
                    const JobFolder& folder)
-    : out_(folder.out),
-      names_(NamesOf(queries)),
+    : names_(NamesOf(queries)),
       job_(names_, header, folder, QueryJobForm(folder.out)),
       facts_(FactsOf(job_.manifest())) {
   for (const QueryRecord& record : RecordsOf(job_.manifest())) {
@@ -70,20 +71,28 @@ void QueryJob::Begin(const RunFacts& facts) {
   facts_ = facts;
 }
 
-void QueryJob::Add(size_t query, const LocalizedQuery& localized,
-                   const std::vector<std::string>& warnings,
-                   const std::optional<double>& log_focal_factor,
-                   std::span<const std::filesystem::path> files) {
-  QueryRecord record{.place = query, .key = job_.key(query), .files = PromiseFiles(out_, files)};
-  record.localized.name = names_[query];
-  record.localized.times = localized.times;
-  record.diagnostics = FormatQueryDiagnostics(localized);
-  record.log_focal_factor = log_focal_factor;
-  const std::lock_guard<std::mutex> lock(mutex_);
-  for (const std::string& warning : warnings) {
-    if (told_.insert(warning).second) record.warnings.push_back(warning);
+std::map<size_t, std::optional<JoinedReference>> QueryJob::Joined() const {
+  std::map<size_t, std::optional<JoinedReference>> joined;
+  for (QueryRecord& record : RecordsOf(job_.manifest())) {
+    TakeNames(record);
+    joined.emplace(record.place, std::move(record.joined));
   }
+  return joined;
+}
+
+void QueryJob::Add(size_t query, QueryRecord record) {
+  record.place = query;
+  record.key = job_.key(query);
+  TakeNames(record);
+  const std::lock_guard<std::mutex> lock(mutex_);
+  std::erase_if(record.warnings,
+                [this](const std::string& warning) { return !told_.insert(warning).second; });
   job_.Add(query, ToJsonLine(record));
+}
+
+void QueryJob::TakeNames(QueryRecord& record) const {
+  record.localized.name = names_[record.place];
+  if (record.joined) record.joined->image.name = names_[record.place];
 }
 
 std::optional<std::vector<QueryRecord>> QueryJob::Whole() {
@@ -91,8 +100,7 @@ std::optional<std::vector<QueryRecord>> QueryJob::Whole() {
   if (!whole) return std::nullopt;
   std::vector<QueryRecord> records = RecordsOf(*whole);
   whole_ = WithRecords(std::move(*whole), records);
-  // As they are in the list, where they need not be UTF-8.
-  for (QueryRecord& record : records) record.localized.name = names_[record.place];
+  for (QueryRecord& record : records) TakeNames(record);
   return records;
 }
 
@@ -127,6 +135,21 @@ static void Members(JsonMembers& members, RunFacts& facts) {
   members("files", facts.files);
 }
 
+static void Members(JsonMembers& members, PointLink& link) {
+  members.Row(link.pixel.x(), link.pixel.y(), link.point_in_world.x(), link.point_in_world.y(),
+              link.point_in_world.z());
+}
+
+static void Members(JsonMembers& members, JoinedReference& joined) {
+  std::string camera = joined.image.camera.ToString();
+  members("camera", camera);
+  joined.image.camera = ParseCamera("camera", camera);
+  members("cam_from_world", joined.image.cam_from_world);
+  members("covariance", joined.covariance);
+  members("distance", joined.distance);
+  members("links", joined.links);
+}
+
 static void Members(JsonMembers& members, QueryRecord& record) {
   members("name", record.localized.name);
   members("place", record.place);
@@ -138,6 +161,7 @@ static void Members(JsonMembers& members, QueryRecord& record) {
   for (const QueryStage& stage : kQueryStages) all_ms += times.*stage.milliseconds;
   members.If(all_ms > 0, "milliseconds", times);
   MembersOfDiagnostics(members, record.diagnostics, record.localized);
+  members.If(record.joined.has_value(), "joined", record.joined);
   members("files", record.files);
 }
 

@@ -12,6 +12,8 @@
 #include <string>
 #include <vector>
 
+#include "localization/continuous/joined_references.h"
+
 #include "raylift/jobs/task_job.h"
 #include "raylift/localization/localizer.h"
 #include "raylift/localization/result_files.h"
@@ -42,6 +44,8 @@ struct QueryRecord {
   // Of its matches, and of those of queries whose records are still to come.
   std::vector<std::string> warnings = {};
   std::optional<double> log_focal_factor = std::nullopt;
+  // Of continuous localization: the reference that it has become; nullopt: it has not.
+  std::optional<JoinedReference> joined = std::nullopt;
   std::vector<PromisedFile> files = {};  // of its own
 };
 
@@ -95,11 +99,12 @@ class QueryJob {
   // The queries of this shard that are not done.
   std::vector<size_t> Missing() const { return job_.Missing(); }
 
-  // A query is done, and `files` of its own are written. `warnings` are those of all matches so
-  // far. Thread safe.
-  void Add(size_t query, const LocalizedQuery& localized, const std::vector<std::string>& warnings,
-           const std::optional<double>& log_focal_factor,
-           std::span<const std::filesystem::path> files);
+  // Returns what the queries of this shard that are done have become, by their places in the list.
+  std::map<size_t, std::optional<JoinedReference>> Joined() const;
+
+  // A query is done, and its files are written. Of its record, the place, the key and the name are
+  // set here, and its warnings are those of all matches so far. Thread safe.
+  void Add(size_t query, QueryRecord record);
 
   // The records of all shards, in the order of the list, once all are done; none before. Throws as
   // TaskJob's does.
@@ -110,7 +115,9 @@ class QueryJob {
   void Finish(std::span<const std::filesystem::path> results);
 
  private:
-  const std::filesystem::path out_;
+  // Takes the names as they are in the list, where they need not be UTF-8.
+  void TakeNames(QueryRecord& record) const;
+
   std::vector<std::string> names_;  // of the queries
   TaskJob job_;
   std::optional<RunFacts> facts_;
