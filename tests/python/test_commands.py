@@ -341,6 +341,8 @@ def test_references_are_retrieved(tmp_path: Path) -> None:
 def test_a_report_that_there_is_not(tmp_path: Path) -> None:
     with pytest.raises(raylift.InputError, match="index.html: there is no such page"):
         raylift.Report(tmp_path / "index.html")
+    with pytest.raises(TypeError, match=r"^path: expected a path \(str or os.PathLike\), found int$"):
+        raylift.Report(5)  # type: ignore[arg-type]
 
 
 def test_a_command_that_there_is_not() -> None:

@@ -249,6 +249,8 @@ class Report:
     """
 
     def __init__(self, path: PathLike) -> None:
+        if not isinstance(path, (str, os.PathLike)):
+            raise _core.InputTypeError(f"path: expected a path (str or os.PathLike), found {type(path).__name__}")
         given = Path(path)
         self.path = given / "index.html" if given.is_dir() else given
         if not self.path.is_file():
