@@ -240,21 +240,21 @@ FilterResult FilterByConsistency(std::span<const PosedImage> references,
 FilterResult FilterByTrust(std::span<const PosedImage> references,
                            std::span<const Match2D2D> matches_2d2d,
                            std::span<const Match2D3D> points, const FilterOptions& options) {
-  const std::optional<MultiViewNoise>& scene_noise = options.scene_noise;
+  const std::optional<MultiViewNoise>& known = options.multi_view_noise;
   const auto trust = EstimateTrust(references, matches_2d2d, points);
   FilterResult result = KeepAll(points.size());
   if (!trust) {
-    if (!scene_noise || IsAccurate(*scene_noise) || options.few_points == FewPoints::kKeepBest ||
+    if (!known || IsAccurate(*known) || options.few_points == FewPoints::kKeepBest ||
         !SeveralReferences(matches_2d2d)) {
       return result;
     }
     // Treats it as the points of other queries that no other reference sees.
     return {.keep = std::vector<bool>(points.size(), false),
             .counts = {.dropped_by_views = points.size()},
-            .noise = scene_noise};
+            .noise = known};
   }
   result.noise = trust->noise;
-  if (IsAccurate(scene_noise.value_or(trust->noise))) return result;
+  if (IsAccurate(known.value_or(trust->noise))) return result;
   result.counts = {};
   KeepTrusted(*trust, result);
   if (result.counts.consistent >= options.min_points) return result;

@@ -184,7 +184,7 @@ class Runner {
     for (const FilterMode mode : grid_.filters) {
       LocalizerOptions options{.filter = {.mode = mode, .thresholds = grid_.filter_thresholds},
                                .candidates = grid_.candidates};
-      options.filter.scene_noise = LearnGeometryNoise(images_, scene, options, grid_.threads);
+      options.filter.multi_view_noise = LearnGeometryNoise(images_, scene, options, grid_.threads);
       for (const EstimatorOptions& method : grid_.methods) {
         if (!Uses2D3D(method.method)) continue;
         AddConfiguration(shared,

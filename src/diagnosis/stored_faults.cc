@@ -255,29 +255,29 @@ std::vector<Half> SplitKeypoints(const ConventionResiduals& data) {
     }
     halves.push_back(found->second);
   }
-  // Places that are in both halves stay in one of them, by turns.
-  struct Place {
+  // Pixels that are in both halves stay in one of them, by turns.
+  struct PixelHalves {
     bool fitting = false;
     bool held_out = false;
     std::optional<Half> stays = std::nullopt;
   };
-  std::map<std::tuple<int, double, double>, Place> places;
-  const auto place_of = [&](size_t i) -> Place& {
+  std::map<std::tuple<int, double, double>, PixelHalves> pixels;
+  const auto pixel_of = [&](size_t i) -> PixelHalves& {
     const ConventionResiduals::Keypoint& keypoint = data.keypoints()[i];
-    return places[{keypoint.map, keypoint.pixel.x(), keypoint.pixel.y()}];
+    return pixels[{keypoint.map, keypoint.pixel.x(), keypoint.pixel.y()}];
   };
   for (size_t i = 0; i < halves.size(); ++i) {
-    (halves[i] == Half::kFitting ? place_of(i).fitting : place_of(i).held_out) = true;
+    (halves[i] == Half::kFitting ? pixel_of(i).fitting : pixel_of(i).held_out) = true;
   }
   Half turn = Half::kFitting;
   for (size_t i = 0; i < halves.size(); ++i) {
-    Place& place = place_of(i);
-    if (!place.fitting || !place.held_out) continue;
-    if (!place.stays) {
-      place.stays = turn;
+    PixelHalves& pixel = pixel_of(i);
+    if (!pixel.fitting || !pixel.held_out) continue;
+    if (!pixel.stays) {
+      pixel.stays = turn;
       turn = turn == Half::kFitting ? Half::kHeldOut : Half::kFitting;
     }
-    if (halves[i] != *place.stays) halves[i] = Half::kNeither;
+    if (halves[i] != *pixel.stays) halves[i] = Half::kNeither;
   }
   return halves;
 }

@@ -102,6 +102,20 @@ GeometryKey KeyOf(const Cell& cell) {
   return {cell.setting[Axis::kGeometry], cell.setting[Axis::kAlign]};
 }
 
+std::vector<size_t> ContinuousOrder(const ExperimentScene& scene, std::span<const Query> queries,
+                                    std::span<const PosedImage> references) {
+  if (scene.times.empty()) return OrderByName(queries);
+  return OrderByTime(queries, references, ReadTimes(scene.times), scene.times);
+}
+
+std::vector<QueryOutcome> OutcomesOf(std::span<const QueryRecord> records) {
+  std::vector<QueryOutcome> outcomes;
+  for (const QueryRecord& record : records) outcomes.push_back(OutcomeOf(record.localized));
+  return outcomes;
+}
+
+constexpr size_t kMostBytesOfMatches = size_t{2} << 30;
+
 // One subsampling of a scene.
 class SubsampledScene {
  public:
@@ -117,7 +131,7 @@ class SubsampledScene {
              .model_poses = scene.model_poses,
              .subsampling = {.every = static_cast<int>(every), .offset = static_cast<int>(offset)},
              .images = scene.images})),
-        matches_(std::make_shared<CachedMatches>(OpenMatches(), kMostBytes)),
+        matches_(std::make_shared<CachedMatches>(OpenMatches(), kMostBytesOfMatches)),
         images_(ImagesToCalibrateBy(references_.references, matches_, queries_)) {
     Take(references_.warnings);
   }
@@ -147,8 +161,6 @@ class SubsampledScene {
   }
 
  private:
-  static constexpr size_t kMostBytes = size_t{2} << 30;  // of matches
-
   void Take(std::vector<std::string> warnings) {
     for (std::string& warning : warnings) {
       warnings_.push_back(fmt::format("{}, 1/{}: {}", settings_.name, every_, warning));
@@ -249,7 +261,7 @@ class SubsampledScene {
     options.filter = {.mode = filter.mode, .thresholds = filter.thresholds};
     options.geometry_mode = geometry->mode;
     options.candidates = geometry->candidates;
-    if (filter.mode == FilterMode::kAuto) options.filter.scene_noise = NoiseOf(cell, options);
+    if (filter.mode == FilterMode::kAuto) options.filter.multi_view_noise = NoiseOf(cell, options);
     return options;
   }
 
@@ -271,7 +283,8 @@ class SubsampledScene {
     const int max_joined =
         JoinsAsInPaper(options.estimator) ? settings_.top_k : std::max(1, settings_.top_k / 2);
     GrowingScene growing(*SceneOf(cell), OpenMatches(max_joined), options, /*weigh=*/true);
-    const std::vector<size_t> order = ContinuousOrder();
+    const std::vector<size_t> order =
+        ContinuousOrder(settings_, queries_, references_.references.images);
     const ContinuousRun run{
         .order = order,
         .done = job.Joined(),
@@ -284,19 +297,10 @@ class SubsampledScene {
         }};
     for (size_t i = 0; i < run.done.size() && options_.on_estimate; ++i) options_.on_estimate();
     LocalizeContinuously(queries_, growing, run);
-    std::vector<QueryOutcome> outcomes;
-    for (const QueryRecord& record : job.Whole().value()) {
-      outcomes.push_back(OutcomeOf(record.localized));
-    }
+    std::vector<QueryOutcome> outcomes = OutcomesOf(job.Whole().value());
     std::error_code ignored;
     std::filesystem::remove_all(folder, ignored);
     return outcomes;
-  }
-
-  std::vector<size_t> ContinuousOrder() const {
-    if (settings_.times.empty()) return OrderByName(queries_);
-    return OrderByTime(queries_, references_.references.images, ReadTimes(settings_.times),
-                       settings_.times);
   }
 
   const Experiment& experiment_;

@@ -71,9 +71,9 @@ std::optional<RangePrior::Plane> PlaneAhead(const RayCaster& surface, const Pose
 LocalizerOptions WithCalibration(const Scene& scene, LocalizerOptions options) {
   if (scene.calibration == nullptr) return options;
   const SceneCalibration& known = *scene.calibration;
-  if (!options.filter.scene_noise && options.filter.mode == FilterMode::kAuto &&
+  if (!options.filter.multi_view_noise && options.filter.mode == FilterMode::kAuto &&
       options.candidates.mode != CandidateMode::kTriangulate) {
-    options.filter.scene_noise = known.geometry_noise;
+    options.filter.multi_view_noise = known.geometry_noise;
   }
   if (!options.estimator.scene_noise && UsesSceneNoise(options.estimator)) {
     options.estimator.scene_noise = known.match_noise;

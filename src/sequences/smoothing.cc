@@ -60,26 +60,28 @@ struct Information {
 // or, without information, anywhere.
 class Mixture {
  public:
-  static constexpr size_t kMostParts = 3;
+  static constexpr size_t kMostComponents = 3;
 
   void Add(double weight, const Information& information) {
-    parts_[count_++] = {std::log(weight) + 0.5 * information.log_determinant, information.matrix};
+    components_[count_++] = {std::log(weight) + 0.5 * information.log_determinant,
+                             information.matrix};
   }
   // A part that is anywhere, with this density (that of a normal distribution has no (2 pi)^3).
   void AddAnywhere(double weight, double log_density) {
-    parts_[count_++] = {std::log(weight) + log_density, Matrix6d::Zero()};
+    components_[count_++] = {std::log(weight) + log_density, Matrix6d::Zero()};
   }
 
   struct Value {
-    double cost = 0;                          // - 2 log likelihood
-    Matrix6d information = Matrix6d::Zero();  // that the error counts with: the parts' mean
-    std::array<double, kMostParts> shares{};  // the probability of each part
+    double cost = 0;                               // - 2 log likelihood
+    Matrix6d information = Matrix6d::Zero();       // that the error counts with: the parts' mean
+    std::array<double, kMostComponents> shares{};  // the probability of each part
   };
   Value At(const Vector6d& error) const {
     Value value;
     double largest = -HUGE_VAL;
     for (size_t k = 0; k < count_; ++k) {
-      value.shares[k] = parts_[k].log_factor - 0.5 * error.dot(parts_[k].information * error);
+      value.shares[k] =
+          components_[k].log_factor - 0.5 * error.dot(components_[k].information * error);
       largest = std::max(largest, value.shares[k]);
     }
     double sum = 0;
@@ -88,18 +90,18 @@ class Mixture {
     }
     for (size_t k = 0; k < count_; ++k) {
       value.shares[k] /= sum;
-      value.information += value.shares[k] * parts_[k].information;
+      value.information += value.shares[k] * components_[k].information;
     }
     value.cost = -2 * (largest + std::log(sum));
     return value;
   }
 
  private:
-  struct Part {
+  struct Component {
     double log_factor;
     Matrix6d information;
   };
-  std::array<Part, kMostParts> parts_;
+  std::array<Component, kMostComponents> components_;
   size_t count_ = 0;
 };
 

@@ -68,7 +68,7 @@ std::string_view KindOf(xml_node node) {
 }
 
 // Returns the kind of the element and the nearest name that the file gives.
-std::string PlaceOf(xml_node node) {
+std::string PathOf(xml_node node) {
   std::string kind(NameOf(node));
   for (; node; node = node.parent()) {
     const std::string_view id = AttributeOf(node, "id");
@@ -218,22 +218,22 @@ class CityGmlReader {
   }
 
   void AddPolygon(const xml_node& polygon, bool is_reversed) {
-    const auto place = [&] { return PlaceOf(polygon); };
+    const auto locate = [&] { return PathOf(polygon); };
     std::vector<std::vector<Vector3d>> rings;
     for (const xml_node& side : polygon.children()) {
       const std::string_view name = NameOf(side);
       const bool is_outer = name == "exterior" || name == "outerBoundaryIs";
       if (!is_outer && name != "interior" && name != "innerBoundaryIs") continue;
-      std::vector<Vector3d> ring = RingOf(place, side.first_child());
+      std::vector<Vector3d> ring = RingOf(locate, side.first_child());
       if (is_reversed) std::reverse(ring.begin(), ring.end());
       rings.insert(is_outer ? rings.begin() : rings.end(), std::move(ring));
     }
-    mesh_.AddPolygon(place, std::move(rings), KindOf(polygon));
+    mesh_.AddPolygon(locate, std::move(rings), KindOf(polygon));
   }
 
   // Returns points that are one list (posList), one by one (pos), or as GML 2 has them
   // (coordinates).
-  std::vector<Vector3d> RingOf(const CityMesh::Place& place, const xml_node& ring) const {
+  std::vector<Vector3d> RingOf(const CityMesh::Locator& locate, const xml_node& ring) const {
     std::vector<double> numbers;
     for (const xml_node& child : ring.children()) {
       const std::string_view name = NameOf(child);
@@ -241,7 +241,7 @@ class CityGmlReader {
       if (!is_old && name != "posList" && name != "pos") continue;
       const std::string_view dimension = AttributeOf(child, "srsDimension");
       if (!dimension.empty() && dimension != "3") {
-        Fail(place(), "expected points of three coordinates (srsDimension)");
+        Fail(locate(), "expected points of three coordinates (srsDimension)");
       }
       std::string text = child.child_value();
       std::replace_if(
@@ -250,13 +250,13 @@ class CityGmlReader {
       for (const std::string_view word : SplitTokens(text)) {
         const auto number = ParseDouble(word);
         if (!number)
-          Fail(place(),
+          Fail(locate(),
                fmt::format("expected numbers, found \"{}\"", Printable(std::string(word))));
         numbers.push_back(*number);
       }
     }
     if (numbers.size() % 3 != 0) {
-      Fail(place(),
+      Fail(locate(),
            fmt::format("expected points of three coordinates, found {} numbers", numbers.size()));
     }
     std::vector<Vector3d> points;

@@ -106,10 +106,10 @@ class JsonInFile {
     return value;
   }
 
-  Vector3d Point(const CityMesh::Place& place, const Json& value) const {
+  Vector3d Point(const CityMesh::Locator& locate, const Json& value) const {
     const bool good = value.is_array() && value.size() == 3 && value[0].is_number() &&
                       value[1].is_number() && value[2].is_number();
-    if (!good) Fail(place(), "expected three numbers");
+    if (!good) Fail(locate(), "expected three numbers");
     return {value[0].get<double>(), value[1].get<double>(), value[2].get<double>()};
   }
 

@@ -98,14 +98,14 @@ CityMesh::CityMesh(const std::filesystem::path& path, size_t file_bytes) : path_
   left_to_read_ = kReadsPerByte * file_bytes;
 }
 
-void CityMesh::CountRead(const Place& place, size_t count) {
+void CityMesh::CountRead(const Locator& locate, size_t count) {
   if (count > left_to_read_) {
-    throw InputError(path_, place(), "the file refers to its surfaces too often");
+    throw InputError(path_, locate(), "the file refers to its surfaces too often");
   }
   left_to_read_ -= count;
 }
 
-void CityMesh::AddPolygon(const Place& place, std::vector<std::vector<Eigen::Vector3d>> rings,
+void CityMesh::AddPolygon(const Locator& locate, std::vector<std::vector<Eigen::Vector3d>> rings,
                           std::string_view kind) {
   std::vector<uint32_t> corners, hole_begins;
   for (size_t i = 0; i < rings.size(); ++i) {
@@ -114,7 +114,7 @@ void CityMesh::AddPolygon(const Place& place, std::vector<std::vector<Eigen::Vec
     if (ring.size() > 1 && ring.front() == ring.back()) ring.pop_back();
     if (ring.size() < 3) {
       throw InputError(
-          path_, place(),
+          path_, locate(),
           fmt::format("expected a ring of three points or more, found {}", ring.size()));
     }
     if (i > 0) hole_begins.push_back(static_cast<uint32_t>(corners.size()));
@@ -123,8 +123,8 @@ void CityMesh::AddPolygon(const Place& place, std::vector<std::vector<Eigen::Vec
       mesh_.positions.push_back(p);
     }
   }
-  if (rings.empty()) throw InputError(path_, place(), "expected a ring of points, found none");
-  CountRead(place, corners.size());
+  if (rings.empty()) throw InputError(path_, locate(), "expected a ring of points, found none");
+  CountRead(locate, corners.size());
   if (mesh_.positions.size() >= UINT32_MAX) throw InputError(path_, "has more than 2^32 corners");
   if (corners.size() > kMaxPolygonCorners) ++too_large_;
   const size_t added = AddFace(num_polygons_++, corners, {}, mesh_, hole_begins);

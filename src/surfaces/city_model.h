@@ -26,21 +26,21 @@ std::optional<size_t> ChooseLevel(std::span<const double> levels, std::optional<
 class CityMesh {
  public:
   // Says where something stands in the file; asked where it is at fault.
-  using Place = std::function<std::string()>;
+  using Locator = std::function<std::string()>;
 
   // `file_bytes` bounds what its references to itself may make of it.
   CityMesh(const std::filesystem::path& path, size_t file_bytes);
 
   // Counts what is read, maybe once more through a reference, in corners. Throws InputError where
   // the file refers to itself too often.
-  void CountRead(const Place& place, size_t count);
+  void CountRead(const Locator& locate, size_t count);
 
   // Begins the object that polygons are added to.
   void BeginObject(const std::string& name) { mesh_.parts.push_back(name); }
 
   // Adds rings of three corners or more, the outer one first, and counts them; `kind` is that of
   // the surface, as RoofSurface, or empty. Throws InputError where a ring is shorter.
-  void AddPolygon(const Place& place, std::vector<std::vector<Eigen::Vector3d>> rings,
+  void AddPolygon(const Locator& locate, std::vector<std::vector<Eigen::Vector3d>> rings,
                   std::string_view kind);
 
   void Warn(const std::string& message);

@@ -269,7 +269,8 @@ TEST(AutoFilter, WhatTheSceneShowsDecidesWhetherGeometryIsAccurate) {
   Rng rng = TestRng();
   const Problem problem = MakeProblem(400, 0.5, rng);
   const auto points = LiftAll(problem, 0.1, rng);
-  const FilterResult result = Filter(problem, points, {.scene_noise = MultiViewNoise{1, 1, 9999}});
+  const FilterResult result =
+      Filter(problem, points, {.multi_view_noise = MultiViewNoise{1, 1, 9999}});
   EXPECT_EQ(result.counts.consistent, points.size());
 }
 
@@ -282,7 +283,7 @@ TEST(AutoFilter, WhereViewsAreTooFewTheSceneDecides) {
   const auto points = LiftAll(problem, 0.1, rng);
   const MultiViewNoise noisy{1, 5, 1000};
   const auto num_kept = [&](FewPoints few_points, const std::optional<MultiViewNoise>& scene) {
-    return Filter(problem, points, {.few_points = few_points, .scene_noise = scene})
+    return Filter(problem, points, {.few_points = few_points, .multi_view_noise = scene})
         .counts.consistent;
   };
   EXPECT_EQ(num_kept(FewPoints::kDropAll, std::nullopt), points.size());

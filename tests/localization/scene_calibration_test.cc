@@ -114,9 +114,9 @@ TEST_F(CalibratedRoom, ALocalizerTakesWhatTheSceneKnows) {
   known->confidences.clear();
   const auto scene = std::make_shared<const Scene>(Calibrated(scene_, known));
   EXPECT_EQ(Localizer(scene, nullptr, {}).options().estimator.scene_noise, known->match_noise);
-  EXPECT_FALSE(Localizer(scene, nullptr, {}).options().filter.scene_noise);
+  EXPECT_FALSE(Localizer(scene, nullptr, {}).options().filter.multi_view_noise);
   const LocalizerOptions automatic{.filter = {.mode = FilterMode::kAuto, .thresholds = {}}};
-  EXPECT_EQ(Localizer(scene, nullptr, automatic).options().filter.scene_noise,
+  EXPECT_EQ(Localizer(scene, nullptr, automatic).options().filter.multi_view_noise,
             known->geometry_noise);
 }
 

@@ -103,7 +103,7 @@ struct FilterOptions {
   size_t min_points = 30;
   // For kAuto: the noise that the scene's queries show together, which says better than one query's
   // views whether the geometry is accurate.
-  std::optional<MultiViewNoise> scene_noise = std::nullopt;
+  std::optional<MultiViewNoise> multi_view_noise = std::nullopt;
 
   bool operator==(const FilterOptions&) const = default;
 };

@@ -57,11 +57,11 @@ bool IsPoseCertain(const Matrix7d& query_covariance, const JointModel& model) {
 // Returns the errors of pixels, as all else predicts them, that the tail is told by: some hundred,
 // squared and along the axis that is best predicted.
 std::vector<double> ErrorsAcross(const JointModel& model) {
-  struct Place {
+  struct SlotLane {
     const kernels::JointObservations* slot;
     size_t lane;
   };
-  std::vector<Place> telling;
+  std::vector<SlotLane> telling;
   for (const kernels::JointObservations& slot : model.blocks.Observations()) {
     for (size_t lane = 0; lane < kernels::kLanes<double>; ++lane) {
       if (slot.tells_noise[lane] != 0) telling.push_back({&slot, lane});

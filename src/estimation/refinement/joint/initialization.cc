@@ -195,7 +195,7 @@ std::vector<double> EpipolarClutter(const JointModel& model, double far) {
   const double near2 = far * 2 * model.noise.keypoint_px2;
   std::vector<double> wrong(evidence.num_references(), 0), beside(evidence.num_references(), 0);
   for (size_t k = 0; k < evidence.keypoints.size(); ++k) {
-    const auto [block, lane] = model.blocks.PlaceOf(k);
+    const auto [block, lane] = model.blocks.LaneOf(k);
     int n = 0;
     for (const Observation& observation : evidence.ObservationsOf(evidence.keypoints[k])) {
       const double squared = model.blocks.ObservationAt(block, n++).smallest_px2[lane];
@@ -223,7 +223,7 @@ void InitializeByVoting(JointModel& model) {
   kernels.scan_jointly(model.blocks.ForKernels(), parameters);
   model.epipolar_clutter = EpipolarClutter(model, voting.far);
   for (size_t k = 0; k < model.evidence.keypoints.size(); ++k) {
-    const auto [block, lane] = model.blocks.PlaceOf(k);
+    const auto [block, lane] = model.blocks.LaneOf(k);
     int n = 0;
     for (const Observation& observation :
          model.evidence.ObservationsOf(model.evidence.keypoints[k])) {

@@ -77,7 +77,7 @@ EvidenceBlocks::EvidenceBlocks(const KeypointEvidence& evidence)
 }
 
 void EvidenceBlocks::Append(const KeypointEvidence& evidence, size_t k) {
-  const auto [index, lane] = PlaceOf(k);
+  const auto [index, lane] = LaneOf(k);
   const KeypointObservations& keypoint = evidence.keypoints[k];
   kernels::JointKeypoints& block = keypoints_[index];
   PutRowMajor(keypoint.image_from_cam, lane, block.image_from_cam);
@@ -143,7 +143,7 @@ kernels::JointParameters JointModel::ForKernels() {
       << unanchored.rotation_vector,
       unanchored.translation;
   for (size_t k = 0; k < evidence.keypoints.size(); ++k) {
-    const auto [block, lane] = blocks.PlaceOf(k);
+    const auto [block, lane] = blocks.LaneOf(k);
     int n = 0;
     for (const Observation& observation : evidence.ObservationsOf(evidence.keypoints[k])) {
       const ReferenceError& error = references[static_cast<size_t>(observation.reference)];

@@ -125,18 +125,18 @@ struct Quadratic {
 class EvidenceBlocks {
  public:
   // A keypoint's lane in its block.
-  struct Place {
+  struct Lane {
     size_t block;
     size_t lane;
   };
 
   explicit EvidenceBlocks(const KeypointEvidence& evidence);
-  Place PlaceOf(size_t keypoint) const {
+  Lane LaneOf(size_t keypoint) const {
     return {places_[keypoint] / kernels::kLanes<double>,
             places_[keypoint] % kernels::kLanes<double>};
   }
   Eigen::Vector3d PointOf(size_t keypoint) const {
-    const auto [block, lane] = PlaceOf(keypoint);
+    const auto [block, lane] = LaneOf(keypoint);
     const auto& point = keypoints_[block].point;
     return {point[0][lane], point[1][lane], point[2][lane]};
   }

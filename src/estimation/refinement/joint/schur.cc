@@ -84,7 +84,7 @@ Quadratic CostAt(const kernels::JointObservations& slot, size_t lane) {
 // What the unanchored points show of a keypoint.
 Quadratic UnanchoredCost(const JointModel& model, size_t keypoint) {
   Quadratic cost;
-  const auto [block, lane] = model.blocks.PlaceOf(keypoint);
+  const auto [block, lane] = model.blocks.LaneOf(keypoint);
   const Vector3d displaced =
       model.references[model.UnanchoredFrame()].Displaced(model.blocks.PointOf(keypoint));
   int n = 0;
@@ -126,7 +126,7 @@ void JointSystem::CollectTerms(const JointModel& model, size_t keypoint,
       same->cost.Add(cost);
     }
   };
-  const auto [block, lane] = model.blocks.PlaceOf(keypoint);
+  const auto [block, lane] = model.blocks.LaneOf(keypoint);
   if (!IsUsed(model.blocks.BlockAt(block), lane)) return;
   int n = 0;
   for (const Observation& observation : evidence_.ObservationsOf(evidence_.keypoints[keypoint])) {
@@ -143,7 +143,7 @@ void JointSystem::CollectTerms(const JointModel& model, size_t keypoint,
 void JointSystem::AddReferenceTerms(const JointModel& model, FocalLength focal_length,
                                     size_t keypoint, const std::vector<FrameTerm>& terms,
                                     FocalEquations& equations) {
-  const auto [index, lane] = model.blocks.PlaceOf(keypoint);
+  const auto [index, lane] = model.blocks.LaneOf(keypoint);
   const kernels::JointKeypoints& block = model.blocks.BlockAt(index);
   const Vector3d point = model.blocks.PointOf(keypoint);
   const Matrix4d covariance = MatrixAt(block.covariance, lane);
@@ -173,7 +173,7 @@ MatrixXd JointSystem::CellGradients(const JointModel& model) const {
   MatrixXd gradients = MatrixXd::Zero(num_columns_, evidence_.num_image_cells);
   std::vector<FrameTerm> terms;
   for (size_t k = 0; k < evidence_.keypoints.size(); ++k) {
-    const auto [index, lane] = model.blocks.PlaceOf(k);
+    const auto [index, lane] = model.blocks.LaneOf(k);
     const kernels::JointKeypoints& block = model.blocks.BlockAt(index);
     auto gradient = gradients.col(evidence_.keypoints[k].image_cell);
     gradient.head<7>() += VectorAt<7>(block.pose_gradient, lane);
@@ -257,7 +257,7 @@ void JointSystem::TakeReferenceSteps(const VectorXd& step, JointModel& model,
   for (size_t frame = 0; frame < column_.size(); ++frame) steps.push_back(step_of(frame));
   Eigen::Map<Eigen::Matrix<double, 6, 1>>(parameters.unanchored_step) = steps.back().head<6>();
   for (size_t k = 0; k < evidence_.keypoints.size(); ++k) {
-    const auto [block, lane] = model.blocks.PlaceOf(k);
+    const auto [block, lane] = model.blocks.LaneOf(k);
     int n = 0;
     for (const Observation& observation : evidence_.ObservationsOf(evidence_.keypoints[k])) {
       const Vector7d& of_reference = steps[static_cast<size_t>(observation.reference)];
@@ -283,7 +283,7 @@ bool JointSystem::ReferencesDisagree(const JointModel& model) const {
   std::vector<Vector7d> score(column_.size(), Vector7d::Zero());
   std::vector<int> residuals(column_.size(), 0);
   for (size_t k = 0; k < evidence_.keypoints.size(); ++k) {
-    const auto [block, lane] = model.blocks.PlaceOf(k);
+    const auto [block, lane] = model.blocks.LaneOf(k);
     if (!IsUsed(model.blocks.BlockAt(block), lane)) continue;
     const Matrix4d covariance = MatrixAt(model.blocks.BlockAt(block).covariance, lane);
     const Vector3d point = model.blocks.PointOf(k);
@@ -338,7 +338,7 @@ void JointSystem::AdmitReferenceErrors(UnknownErrors unknown, JointModel& model)
 void JointSystem::AddReferenceColumns(const JointModel& model) {
   std::vector<double> support(column_.size(), 0);
   for (size_t k = 0; k < evidence_.keypoints.size(); ++k) {
-    const auto [block, lane] = model.blocks.PlaceOf(k);
+    const auto [block, lane] = model.blocks.LaneOf(k);
     const KeypointObservations& keypoint = evidence_.keypoints[k];
     for (int i = keypoint.first_observation; i < keypoint.end_observation; ++i) {
       support[static_cast<size_t>(evidence_.observations[i].reference)] +=
