@@ -5,8 +5,8 @@
 #include <filesystem>
 #include <optional>
 
+#include "apps/command_line.h"
 #include "apps/localize_flags.h"
-#include <CLI/CLI.hpp>
 
 #include "raylift/service/client.h"
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "lifting/mesh_spec.h"
+#include "localization/fields.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -22,14 +23,6 @@ void RequireMethod(const char* option, bool is_given, RetrievalMethod wanted,
   if (is_given && method != wanted) {
     throw OptionError(fmt::format("{} goes with --retrieval {}, not {}", option, ToString(wanted),
                                   ToString(method)));
-  }
-}
-
-void CheckFrontEnd(const FrontEndOptions& options) {
-  RequireAtLeast("--max-features", options.max_features, 1);
-  if (!(options.max_ratio > 0 && options.max_ratio <= 1)) {
-    throw OptionError("--max-ratio", FormatDouble(options.max_ratio),
-                      "must be above 0 and at most 1");
   }
 }
 
@@ -146,7 +139,7 @@ void AddRetrievalOptions(CLI::App& command, RetrievalFlags& flags) {
 void MatchingFlags::Check(const std::vector<std::string>& geometry,
                           RetrievalFlags::Queries queries) const {
   hloc.Check();
-  CheckFrontEnd(front_end);
+  CheckRanges(ConstFieldsOf(front_end));
   if (hloc.Any() && retrieval.Any()) {
     throw OptionError("--pairs", hloc.files.pairs.string(),
                       "names the references: no options of retrieval go with it");
@@ -204,20 +197,10 @@ void AddMatchingOptions(CLI::App& command, MatchingFlags& flags, const std::stri
             "of each pair, QUERY__REFERENCE.npz or .npy (N x 4 pixels, or\n"
             "mkpts0, mkpts1; also scores), which need no --features and no --pairs");
   group.Add("--pairs", flags.hloc.files.pairs, "hloc's pairs list: query reference");
-  group.Add("--min-match-score", flags.hloc.reading.min_score,
-            "Leave out matches in files whose score is lower");
-  group.Add("--first-pixel", flags.hloc.reading.first_pixel,
-            "Of a folder of pairs: where its matcher puts the center of the first\n"
-            "pixel, 0 (most) or 0.5 (COLMAP, RoMa)");
-  group.Add("--cell-px", flags.hloc.reading.cell_px,
-            "Of a folder of pairs: query pixels in one cell of so many pixels are\n"
-            "one keypoint, as dense matchers find others in each pair; 0: equal\n"
-            "pixels alone");
+  group.Add(FieldsOf(flags.hloc.reading));
   group.Add("--top-k", flags.hloc.top_k, "Retrieved references per query");
   AddRetrievalOptions(command, flags.retrieval);
-  group.Add("--max-features", flags.front_end.max_features,
-            "RootSIFT features per image, the strongest");
-  group.Add("--max-ratio", flags.front_end.max_ratio, "Ratio test of RootSIFT matches");
+  group.Add(FieldsOf(flags.front_end));
   group.Add("--cache", flags.front_end.cache,
             fmt::format("Where RootSIFT features are kept (default: {})", default_cache));
 }

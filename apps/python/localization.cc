@@ -102,8 +102,7 @@ MatchingOptions TakeMatchingOptions(Keywords& keywords, const Scene& scene, OwnM
   keywords.Take("matches", given.files.matches);
   keywords.Take("pairs", given.files.pairs);
   keywords.Take("top_k", options.top_k);
-  keywords.Take("max_features", options.front_end.max_features);
-  keywords.Take("max_ratio", options.front_end.max_ratio);
+  keywords.Take(FieldsOf(options.front_end));
   keywords.Take("cache", options.front_end.cache);
   keywords.Take("extractor_name", options.front_end.extractor_name);
   keywords.Take("matcher_name", options.front_end.matcher_name);
@@ -126,12 +125,10 @@ MatchingOptions TakeMatchingOptions(Keywords& keywords, const Scene& scene, OwnM
   if (given.Any() && options.retrieval) {
     throw OptionError("retrieval goes without files of matches, which name the references");
   }
-  keywords.Take("min_match_score", options.reading.min_score);
-  keywords.Take("first_pixel", options.reading.first_pixel);
-  keywords.Take("cell_px", options.reading.cell_px);
+  keywords.Take(FieldsOf(options.reading));
   Check(options.reading);
   RequireAtLeast("top_k", options.top_k, 1);
-  RequireAtLeast("max_features", options.front_end.max_features, 1);
+  CheckRanges(ConstFieldsOf(options.front_end));
   if (options.front_end.query_images.empty()) options.front_end.query_images = scene.images;
   UseOwn(own, options.reading, &options.front_end);
   return options;

@@ -1,5 +1,4 @@
-// What the stages of a localization count, and what a query needs to join the references, as
-// fields.
+// The options of matching and of joining the references, and the counts of the stages, as fields.
 
 #pragma once
 
@@ -9,11 +8,15 @@
 #include "localization/continuous/join_gate.h"
 
 #include "raylift/localization/localizer.h"
+#include "raylift/localization/match_source.h"
 
 namespace raylift {
 
 // The filter's counts among them; without the points of each source and the noise.
 std::vector<Field> FieldsOf(StageCounts& counts);
 std::vector<Field> FieldsOf(JoinGateOptions& options);
+std::vector<Field> FieldsOf(MatchReading& reading);
+// The numbers alone.
+std::vector<Field> FieldsOf(FrontEndOptions& options);
 
 }  // namespace raylift

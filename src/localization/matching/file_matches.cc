@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "io/colmap/colmap_database.h"
+#include "localization/fields.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -137,13 +138,21 @@ class FileMatches final : public MatchSource {
 
 }  // namespace
 
-void Check(const MatchReading& reading) {
-  if (!(reading.first_pixel >= 0 && reading.first_pixel <= 1)) {
-    throw OptionError("first_pixel", fmt::format("{}", reading.first_pixel),
-                      "must lie between 0 and 1");
-  }
-  RequireAtLeast("cell_px", reading.cell_px, 0);
+std::vector<Field> FieldsOf(MatchReading& reading) {
+  return {{"min_match_score", reading.min_score, "Leave out matches in files whose score is lower"},
+          {"first_pixel",
+           reading.first_pixel,
+           "Of a folder of pairs: where its matcher puts the center of the first\n"
+           "pixel, 0 (most) or 0.5 (COLMAP, RoMa)",
+           {.says = "must lie between 0 and 1", .least = 0, .most = 1}},
+          {"cell_px", reading.cell_px,
+           "Of a folder of pairs: query pixels in one cell of so many pixels are\n"
+           "one keypoint, as dense matchers find others in each pair; 0: equal\n"
+           "pixels alone",
+           kAtLeastZero}};
 }
+
+void Check(const MatchReading& reading) { CheckRanges(ConstFieldsOf(reading)); }
 
 KnownReferences::KnownReferences(const ReferenceSet& references, int top_k,
                                  const JoiningQueries& joining)

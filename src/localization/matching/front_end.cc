@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "io/map/packed_map.h"
+#include "localization/fields.h"
 #include "localization/matching/feature_store.h"
 #include "localization/matching/file_matches.h"
 #include "localization/matching/pixel_matches.h"
@@ -28,6 +29,17 @@
 #include "raylift/scene/keypoints.h"
 
 namespace raylift {
+
+std::vector<Field> FieldsOf(FrontEndOptions& options) {
+  return {
+      {"max_features", options.max_features, "RootSIFT features per image, the strongest",
+       kAtLeastOne},
+      {"max_ratio",
+       options.max_ratio,
+       "Ratio test of RootSIFT matches",
+       {.says = "must be above 0 and at most 1", .least = 0, .most = 1, .without_least = true}}};
+}
+
 namespace {
 
 // All images whose features are not known, each once.
