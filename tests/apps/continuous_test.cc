@@ -46,27 +46,25 @@ void WaitForLines(pid_t process, const fs::path& manifest, size_t count) {
 }
 
 TEST_F(Continuous, StoppedOrKilledItGoesOnToTheSameBytes) {
+  const auto continuous = [this](const fs::path& out, const Arguments& more) {
+    return Localize(out,
+                    kFewFeatures + Arguments{"--continuous", "--report", out / "report"} + more);
+  };
   const fs::path whole = folder_ / "whole";
-  ASSERT_TRUE(Succeeds(
-      RunRaylift(Localize(whole, kFewFeatures + Arguments{"--continuous", "--threads", "1",
-                                                          "--report", folder_ / "report"}))));
+  ASSERT_TRUE(Succeeds(RunRaylift(continuous(whole, {"--threads", "1"}))));
   for (const int signal : {SIGINT, SIGKILL}) {
     const fs::path out = folder_ / std::to_string(signal);
-    const Arguments continuous =
-        kFewFeatures + Arguments{"--continuous", "--report", out / "report"};
-    const pid_t process = StartRaylift(Localize(out, continuous + Arguments{"--threads", "2"}));
+    const pid_t process = StartRaylift(continuous(out, {"--threads", "2"}));
     WaitForLines(process, out / "manifest.jsonl", 5);  // three queries
     kill(process, signal);
     EXPECT_EQ(WaitFor(process), signal == SIGINT ? 4 : 128 + signal);
     EXPECT_FALSE(fs::exists(out / "poses.txt"));
-    ASSERT_TRUE(Succeeds(RunRaylift(Localize(out, continuous + Arguments{"--resume"}))));
+    ASSERT_TRUE(Succeeds(RunRaylift(continuous(out, {"--resume"}))));
     EXPECT_TRUE(fs::exists(out / "report" / "index.html"));
     ExpectSameRun(whole, out);
   }
-  EXPECT_TRUE(
-      FailsWith(3, {"manifest.jsonl", "seed"},
-                RunRaylift(Localize(
-                    whole, kFewFeatures + Arguments{"--continuous", "--resume", "--seed", "1"}))));
+  EXPECT_TRUE(FailsWith(3, {"manifest.jsonl", "seed"},
+                        RunRaylift(continuous(whole, {"--resume", "--seed", "1"}))));
 }
 
 // How many of the demo's queries are within 10 cm and one degree.

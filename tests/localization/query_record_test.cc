@@ -57,6 +57,7 @@ TEST(QueryRecord, ReadsBackAsTheSameNumbers) {
     job.Begin({});
     LocalizedQuery other;
     other.name = kQueries[0].name;
+    other.reason = "no retrieved references";
     job.Add(0, {.diagnostics = FormatQueryDiagnostics(other)});
     job.Add(1, record);
   }
