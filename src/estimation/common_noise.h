@@ -13,8 +13,8 @@
 
 namespace raylift {
 
-// Learns it from some 30 of `count` problems, evenly spaced; nullopt where they are too few to tell
-// or the options make no use of it. `problem_at` is called from several threads.
+// Learns the noise from some 30 of `count` problems, evenly spaced; nullopt where they are too few
+// to tell or the options make no use of it. `problem_at` is called from several threads.
 std::optional<SceneNoise> LearnSceneNoise(size_t count,
                                           const std::function<PoseProblem(size_t)>& problem_at,
                                           const EstimatorOptions& options, int threads);

@@ -12,10 +12,11 @@
 namespace raylift {
 
 std::vector<Field> FieldsOf(EstimatorOptions& options);
-// Those that do not say which method: thresholds, RANSAC, the seed.
+// Returns the fields that do not say which method: refinement, thresholds, focal length,
+// references' errors, RANSAC, seed.
 std::vector<Field> NumberFieldsOf(EstimatorOptions& options);
 
-// Without what the errors have shown it.
+// Returns the fields of the noise without its numbers of errors.
 std::vector<Field> FieldsOf(MatchNoise& noise);
 
 }  // namespace raylift

@@ -23,7 +23,7 @@ struct Shown {
 };
 
 KnownNoise Pool(const std::vector<Shown>& queries) {
-  // The logarithm of a variance that n errors have shown varies by 2 / n.
+  // The logarithm of a variance that n errors have shown has the variance 2 / n.
   double weights = 0, squared_weights = 0, logs = 0;
   int count = 0;
   for (const Shown& query : queries) {
@@ -43,8 +43,8 @@ KnownNoise Pool(const std::vector<Shown>& queries) {
     q += 0.5 * query.errors * off * off;
   }
   const double between = std::max(0.0, (q - (count - 1)) / (weights - squared_weights / weights));
-  // The mean of the variances, as few errors tell little of their logarithm: of each query's errors
-  // no more than what its own difference from the others leaves.
+  // The variances are averaged, not their logarithms, of which few errors tell little. A query's n
+  // errors count as n / (1 + n between / 2), as its variance differs from the others'.
   double errors = 0, squares = 0;
   for (const Shown& query : queries) {
     if (!(query.errors >= 1)) continue;
@@ -58,7 +58,7 @@ KnownNoise Pool(const std::vector<Shown>& queries) {
 }  // namespace
 
 SceneNoise PoolNoise(std::span<const MatchNoise> queries) {
-  // A tail of fewer errors is what was assumed before.
+  // The tail of a query with fewer errors is little more than its prior.
   constexpr double kFewestErrorsOfTail = 30;
   std::vector<Shown> pixels, depths, commons;
   std::vector<double> tails;
@@ -77,7 +77,7 @@ SceneNoise PoolNoise(std::span<const MatchNoise> queries) {
   if (tails.size() >= kEnoughQueries) {
     const auto count = static_cast<double>(tails.size());
     for (const double tail : tails) scene.keypoint_tail += tail / count;
-    // As if one more query lay a tenth off.
+    // One more deviation, of a tenth, keeps the variance from being 0.
     double squares = 0.01;
     for (const double tail : tails) {
       squares += (tail - scene.keypoint_tail) * (tail - scene.keypoint_tail);

@@ -1,5 +1,5 @@
-// The noise of matches: as the estimate of one query found it, and as the queries of a scene
-// foretell a new one's.
+// The noise of matches: as estimated with one query's pose, and pooled over a scene's queries as
+// the prior of a new one's.
 
 #pragma once
 
@@ -15,22 +15,22 @@ struct MatchNoise {
   double keypoint_px = 0;
   double keypoint_tail = 0;
   // Lifted points err along their rays, by a share of the distance: each by itself, those of a
-  // keypoint in common, and whole references by a factor (0: not looked for).
+  // keypoint in common, and whole references by a factor (0: not estimated).
   double depth = 0;
   double common_depth = 0;
   double reference_factor = 0;
-  // The references' poses err by this, per axis; 0: not looked for.
+  // Standard deviations of the references' poses, per axis; 0: not estimated.
   double reference_rotation_deg = 0;
   double reference_position = 0;  // scene units
 
-  // How many errors have shown it (less than one: a guess).
+  // Numbers of errors from which the noise of pixels, depths and common depths was estimated (less
+  // than one: a guess).
   double keypoint_errors = 0;
   double depth_errors = 0;
   double common_depth_errors = 0;
 };
 
-// A standard deviation (of pixels, a scale) that is known before, as if so many errors had shown
-// it.
+// A prior of a standard deviation (of pixels: of the scale), as strong as `errors` observed errors.
 struct KnownNoise {
   double sigma = 0;
   double errors = 0;
@@ -42,19 +42,20 @@ struct KnownNoise {
 // the noise of its depths from its own pose's error.
 struct SceneNoise {
   KnownNoise keypoint_px, depth, common_depth;
-  // Mean and variance over the queries; no variance: not known.
+  // Mean and variance of the tail over the queries; a variance of 0: not known.
   double keypoint_tail = 0;
   double keypoint_tail_variance = 0;
-  // How whole references err (MatchNoise's). Where it is known, each reference's error is unknown
-  // from the beginning; where it is not (no errors), only if references disagree.
+  // Priors of the references' errors (as MatchNoise has them). If one of them is known (from some
+  // errors), the joint refinement estimates each reference's errors from the beginning; else only
+  // if references disagree.
   KnownNoise reference_factor = {}, reference_rotation_deg = {}, reference_position = {};
 
   bool operator==(const SceneNoise&) const = default;
 };
 
-// By a random-effects model of the variances (DerSimonian and Laird, Controlled Clinical Trials
-// 1986): what differs from query to query is worth few errors. Noise that fewer than three queries
-// have shown is not known.
+// Pools the queries' noise by a random-effects model of the variances (DerSimonian and Laird,
+// Controlled Clinical Trials 1986): the more a variance differs between queries, the fewer errors
+// it is worth. Noise that fewer than three queries have shown stays unknown.
 SceneNoise PoolNoise(std::span<const MatchNoise> queries);
 
 }  // namespace raylift

@@ -54,7 +54,7 @@ constexpr bool Needs2D3D(Method method) {
   return method == Method::kP3p || method == Method::kHloc || method == Method::kD3p1;
 }
 
-// How the scores of the two match sets become one (Eqs. 1 to 5): I inliers, N matches, M MSAC sums.
+// The combination of both match sets' scores (Eqs. 1 to 5): I inliers, N matches, M MSAC sums.
 enum class ScoreCombination {
   kSumInliers,       // I_3D + I_2D (Camposeco et al. 2018)
   kSumInlierRatios,  // I_3D / N_3D + I_2D / N_2D
@@ -71,7 +71,7 @@ inline constexpr auto kEnumNames<ScoreCombination> = std::to_array<EnumName<Scor
     {ScoreCombination::kMultMsac, "mult_msac", "mult. msac"},
 });
 
-// Which residuals refine a new best pose of Adaptive.
+// The residuals that refine a new best pose of Adaptive.
 enum class LocalOptimization {
   kHybrid,  // both kinds
   kSplit,   // the kind of the solver that made the hypothesis
@@ -82,13 +82,13 @@ inline constexpr auto kEnumNames<LocalOptimization> = std::to_array<EnumName<Loc
     {LocalOptimization::kSplit, "split"},
 });
 
-// How far methods go beyond the paper.
+// The steps that methods take beyond the paper.
 enum class Refinement {
   // The pose is refined by maximum likelihood after RANSAC, Adaptive's and D3+1's by both match
   // sets together, and Adaptive draws samples of D3+1 as well; a pose that chance explains is none.
   kRobust,
-  // Nothing: every new best pose is optimized locally on all matches, and the best one is returned
-  // as it is.
+  // The methods are the paper's: every new best pose is optimized locally on all matches, and the
+  // best one is returned unrefined.
   kPaper,
 };
 template <>
@@ -109,19 +109,20 @@ struct EstimatorOptions {
   // Standard deviation (scene units) of the 3D points whose match carries none: it widens a match's
   // threshold by the point's error in pixels at its depth. 0: points are exact.
   double point_sigma = 0;
-  // The noise that the scene's queries have in common (PoolNoise()), for the robust refinement of
-  // both match sets together. nullopt: each query tells by itself.
+  // The prior of the noise, pooled over the scene's queries (PoolNoise()), for the robust
+  // refinement of both match sets together. nullopt: each query's noise is estimated from itself
+  // alone.
   std::optional<SceneNoise> scene_noise = std::nullopt;
-  // Find the query's focal length with the pose, for photographs of unknown calibration, within
-  // this factor of the camera's either way. Lenses without one stay as they are. (A problem whose
-  // priors say that it is not known needs no option.)
+  // Estimates the query's focal length with the pose, for photographs of unknown calibration,
+  // within the factor `focal_range` of the camera's either way. Cameras without one (panoramas)
+  // stay as they are. (A problem whose priors say that it is not known needs no option.)
   bool refine_focal = false;
   double focal_range = 1.3;
   // The standard deviation of the query's focal length as a share of it, 0: exact; the pose takes
   // it into account. nullopt: what the problem's priors say.
   std::optional<double> focal_sigma = std::nullopt;
-  // How far references err as wholes (ReferenceSigmas): the robust refinement of both match sets
-  // together takes it into account. nullopt: what the problem says, or else scene_noise.
+  // Standard deviations of the references' errors (ReferenceSigmas), which the robust refinement of
+  // both match sets together takes into account. nullopt: the problem's, or else scene_noise's.
   std::optional<double> reference_factor_sigma = std::nullopt;
   std::optional<double> reference_rotation_sigma_deg = std::nullopt;
   std::optional<double> reference_position_sigma = std::nullopt;
@@ -136,8 +137,8 @@ struct EstimatorOptions {
   void Validate() const;
 };
 
-// Whether a pose is refined by both match sets together: then the estimate tells of the scene's
-// noise (PoseEstimate::noise) and takes it.
+// Returns whether poses are refined by both match sets together: only then an estimate has noise
+// (PoseEstimate::noise), and scene_noise is used.
 constexpr bool UsesSceneNoise(const EstimatorOptions& options) {
   const bool by_both_kinds =
       options.method == Method::kD3p1 || (options.method == Method::kAdaptive &&

@@ -1,6 +1,6 @@
-// From matches to a camera pose: the methods of Panek, Sattler and Kukelova, "Combining Absolute
-// and Semi-Generalized Relative Poses for Visual Localization" (2024), and more (options.h), behind
-// one interface.
+// Estimates a camera pose from matches by the methods of Panek, Sattler and Kukelova, "Combining
+// Absolute and Semi-Generalized Relative Poses for Visual Localization" (2024), and more
+// (options.h), behind one interface.
 
 #pragma once
 
@@ -29,7 +29,7 @@ inline constexpr auto kEnumNames<Solver> = std::to_array<EnumName<Solver>>({
     {Solver::kUpright, "up2p"},            // two 2D-3D matches, and gravity
 });
 
-// Why there is no pose.
+// The reason why there is no pose.
 enum class FailureReason {
   kNone,
   kTooFewMatches,       // fewer than the method's minimal samples need
@@ -54,7 +54,7 @@ struct MatchSetScore {
   double msac_cost = 0;  // sum of min(e^2 / t^2, 1)
 };
 
-// Whether a pose can be trusted.
+// The verdict on a pose, by its confidence.
 enum class PoseVerdict { kFailed, kDoubtful, kLocalized };
 template <>
 inline constexpr auto kEnumNames<PoseVerdict> = std::to_array<EnumName<PoseVerdict>>({
@@ -62,11 +62,11 @@ inline constexpr auto kEnumNames<PoseVerdict> = std::to_array<EnumName<PoseVerdi
     {PoseVerdict::kDoubtful, "doubtful"},
     {PoseVerdict::kLocalized, "localized"},
 });
-// Localized from this confidence on.
+// A pose is localized from this confidence on.
 inline constexpr double kLocalizedConfidence = 0.95;
 
-// A pose elsewhere that explains the matches about as well as the estimated one: of a look-alike
-// place, or by those matches that the estimated one leaves.
+// A pose elsewhere that explains the matches about as well as the estimated one: that of a
+// look-alike place, or one of the matches that the estimated one does not explain.
 struct AlternativePose {
   Rigid3 cam_from_world;
   double probability = 0;
@@ -100,8 +100,8 @@ struct PoseEstimate {
   // src/estimation/README.md has the formula.
   double confidence = 0;
   PoseVerdict verdict = PoseVerdict::kFailed;
-  // Those that lower the confidence below that of a localized pose, the likeliest first; each with
-  // the probability that it, and not the pose or another of them, is right.
+  // The alternatives that lower the confidence below that of a localized pose, the likeliest first,
+  // each with the probability that it, not the pose or another alternative, is right.
   std::vector<AlternativePose> alternatives;
   int inlier_keypoints = 0;  // of the query: one counts once, in however many references
   int num_keypoints = 0;     // with matches
@@ -130,15 +130,15 @@ std::optional<SceneNoise> CommonNoise(std::span<const PoseEstimate> estimates);
 
 struct EstimatorOptions;
 
-// Thread safe: Estimate() keeps no state between calls.
+// Estimates poses by one method. Thread safe: Estimate() keeps no state between calls.
 class PoseEstimator {
  public:
   virtual ~PoseEstimator() = default;
   virtual PoseEstimate Estimate(const PoseProblem& problem) const = 0;
 };
 
-// Throws OptionError where the options are out of range. Matches that are not finite, or whose
-// pixel has no ray, count as outliers.
+// Returns the estimator of the options' method, for which matches that are not finite, or whose
+// pixel has no ray, count as outliers. Throws OptionError where the options are out of range.
 std::unique_ptr<PoseEstimator> MakePoseEstimator(const EstimatorOptions& options);
 
 }  // namespace raylift

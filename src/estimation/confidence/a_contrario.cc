@@ -21,7 +21,7 @@ constexpr int kNeighborCellsPerSide = 16;
 // 2D-2D matches of a sample of E5+1.
 constexpr double kSample2D2D = 6;
 
-// Of the ring in which wrong matches are counted, in thresholds.
+// Radii of the ring in which wrong matches are counted, in thresholds.
 constexpr double kInnerRing = 5;
 constexpr double kOuterRing = 15;
 
@@ -34,7 +34,7 @@ struct SetInliers {
 
   explicit SetInliers(size_t keypoints) : matches(keypoints, 0), inlier(keypoints, false) {}
 
-  // The probability that no match of a keypoint is an inlier, if all are wrong.
+  // Returns the probability that no match of a keypoint is an inlier, if all are wrong.
   double ChanceOfNone(size_t keypoint) const {
     return chance_of_none[static_cast<size_t>(matches[keypoint])];
   }
@@ -59,8 +59,8 @@ SetInliers Count(std::span<const double> squared, const std::vector<NormalizedMa
   return set;
 }
 
-// The expected number of false alarms by one match set, as a logarithm: of `trials` keypoints
-// beyond those of the sample, so many are inliers.
+// The keypoints of one match set as trials: their number, that of the inliers among them, and the
+// sum of the probabilities that a keypoint with wrong matches alone is an inlier.
 struct Trials {
   double trials = 0, inliers = 0, chance_sum = 0;
 
@@ -71,7 +71,7 @@ struct Trials {
     chance_sum += 1 - set.ChanceOfNone(keypoint);
   }
 
-  // `sample` keypoints fit by construction.
+  // Returns LogBinomialTail() of the keypoints beyond the `sample` that fits by construction.
   double LogTail(double sample, double clustering) const {
     return LogBinomialTail((trials - sample) / clustering, (inliers - sample) / clustering,
                            trials > 0 ? chance_sum / trials : 0);
@@ -210,8 +210,8 @@ InlierEvidence InlierAssessor::Assess(const CamFromLocal& pose) const {
     if (of_2d3d.matches[k] == 0) rest_of_2d3d.Add(of_2d2d, k);
     if (of_2d2d.matches[k] == 0) rest_of_2d2d.Add(of_2d3d, k);
   }
-  // The sample, of one set, fits by construction. Where that has not as many inliers the pose is
-  // not of such a sample, and what fits it is no evidence beside one.
+  // The sample, of one set, fits by construction. If that set has fewer inliers, the pose is not of
+  // such a sample, and what fits it is no evidence beside one.
   const bool both = sets_ == MatchSets::kBoth;
   const auto tail_of = [&](const Trials& set, double sample, const Trials& rest) {
     if (set.inliers < sample) return 0.0;

@@ -1,4 +1,4 @@
-// The poses beside the best one: is one of them as good an answer?
+// Compares a pose with its alternatives, and looks for one in the matches that it does not explain.
 
 #include <algorithm>
 #include <cmath>
@@ -16,7 +16,8 @@
 namespace raylift {
 namespace {
 
-// Returns the matches of the reference that most of them are of; all where none has two samples.
+// Returns the matches of the reference that most of them are of; all matches if none has two
+// samples.
 std::vector<int> OfOneReference(const PoseProblem& problem, const std::vector<int>& matches_2d3d) {
   std::vector<std::vector<int>> by_reference(problem.references.size());
   for (const int i : matches_2d3d) {
@@ -29,9 +30,9 @@ std::vector<int> OfOneReference(const PoseProblem& problem, const std::vector<in
   return largest != by_reference.end() && largest->size() >= 6 ? *largest : matches_2d3d;
 }
 
-// The problem without the explained matches, and without those that cannot count: its 2D-3D
+// Returns the problem without the explained matches, and without those that cannot count: its 2D-3D
 // matches, if they are scored and enough for a sample, else its 2D-2D matches. Of the 2D-3D matches
-// only one reference's: its matches agree on another answer where those of others may not.
+// it has only one reference's: these agree on another answer where those of others may not.
 PoseProblem Rest(const PoseProblem& problem, const NormalizedProblem& prepared,
                  const std::vector<bool>& explained, MatchSets scored) {
   PoseProblem rest;

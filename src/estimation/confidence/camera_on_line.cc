@@ -35,7 +35,7 @@ std::optional<InlierRange> WhereSeen(const Vector3d& m, const Vector3d& k, doubl
 
 }  // namespace
 
-// The squared reprojection error |n.xy|^2 / (n.z^2 + v), with n = m - x k.
+// The squared reprojection error is |n.xy|^2 / (n.z^2 + v), with n = m - x k.
 std::optional<InlierRange> CameraOnLine::InlierInterval(const NormalizedMatch2D3D& match) const {
   const CamFromLocal camera = problem_.PoseOfCamera(pose_, match.camera);
   const Vector3d m = match.image_from_ray * (camera.rotation * match.point + camera.translation);
@@ -43,7 +43,7 @@ std::optional<InlierRange> CameraOnLine::InlierInterval(const NormalizedMatch2D3
   return WhereSeen(m, k, match.variance_at_unit_depth, match.keypoint);
 }
 
-// The squared Sampson error (q . (b x r))^2 / (|Gq' (b x r)|^2 + |Gr' (q x b)|^2), with the
+// The squared Sampson error is (q . (b x r))^2 / (|Gq' (b x r)|^2 + |Gr' (q x b)|^2), with the
 // baseline b = b0 - x direction.
 std::optional<InlierRange> CameraOnLine::InlierInterval(const NormalizedMatch2D2D& match) const {
   const Matrix3d local_from_cam = pose_.rotation.transpose();
@@ -78,9 +78,9 @@ std::optional<InlierRange> CameraOnLine::InlierInterval(const NormalizedMatch2D2
   return from_query + slack > 0 && from_reference + slack > 0 ? interval : std::nullopt;
 }
 
-// How another reference sees the point of a match with the one that the line goes through:
-// |n.xy|^2 / (n.z^2 + v), with n = F^-1 (C + (1 + x / l) z r - C'), F the axes of its pixel, and
-// v by how well query and dominant tell z.
+// The squared error of the triangulated point in the other reference is |n.xy|^2 / (n.z^2 + v),
+// with n = F^-1 (C + (1 + x / l) z r - C'), F = (Gr', r') of its pixel, and v = |(F^-1 z r).xy|^2
+// (parallax / sine)^2, as query and dominant tell z only to the share parallax / sine.
 std::optional<InlierRange> CameraOnLine::InlierInterval(const NormalizedMatch2D2D& of_dominant,
                                                         const NormalizedMatch2D2D& of_other) const {
   const auto center_of = [&](const NormalizedMatch2D2D& match) -> const Vector3d& {

@@ -1,4 +1,4 @@
-// Where matches are inliers, as the camera moves along a line.
+// Computes the intervals of a line on which matches are inliers as the camera moves along it.
 
 #pragma once
 
@@ -10,7 +10,7 @@
 
 namespace raylift {
 
-// Where a match is an inlier, as the camera moves along a line.
+// The interval of the camera's displacement x along the line in which a match is an inlier.
 struct InlierRange {
   double begin, end;
   size_t keypoint;
@@ -27,11 +27,12 @@ class CameraOnLine {
                const Eigen::Vector3d& direction)
       : problem_(problem), pose_(pose), direction_(direction) {}
 
-  // By the squared reprojection error.
+  // Returns the interval of a 2D-3D match, by the squared reprojection error.
   std::optional<InlierRange> InlierInterval(const NormalizedMatch2D3D& match) const;
-  // By the squared Sampson error.
+  // Returns the interval of a 2D-2D match, by the squared Sampson error.
   std::optional<InlierRange> InlierInterval(const NormalizedMatch2D2D& match) const;
-  // By how another reference sees the point of a match with the one that the line goes through.
+  // Returns the interval in which another reference sees, within the threshold, the point that the
+  // query and the dominant reference (which the line goes through) triangulate.
   std::optional<InlierRange> InlierInterval(const NormalizedMatch2D2D& of_dominant,
                                             const NormalizedMatch2D2D& of_other) const;
 

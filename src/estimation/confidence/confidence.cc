@@ -17,7 +17,7 @@
 namespace raylift {
 namespace {
 
-// 1 / (1 + NFA).
+// Returns 1 / (1 + NFA).
 double ProbabilityOfNoChance(double log_false_alarms) {
   return 1 / (1 + std::exp(std::min(log_false_alarms, 700.0)));
 }
@@ -48,7 +48,8 @@ struct Alternative {
   double odds = 0;
 };
 
-// Returns the likeliest first; of poses that are one answer, or at one place, only that one.
+// Returns the alternatives, the likeliest first; of those that are one answer, or at one place, the
+// likeliest alone.
 std::vector<Alternative> EachOnce(const InlierAssessor& assessor,
                                   std::vector<Alternative> alternatives) {
   std::stable_sort(alternatives.begin(), alternatives.end(),
@@ -77,7 +78,7 @@ void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& norma
   estimate.num_keypoints = evidence.keypoints;
   estimate.inlier_keypoints = evidence.inlier_keypoints;
 
-  // That a pose fits the priors says something if it was not drawn by them; one that does not fit
+  // Agreement with the priors speaks for a pose that was not drawn by them; a pose that contradicts
   // them is doubtful, but remains a pose.
   double confidence = ProbabilityOfNoChance(evidence.log_false_alarms);
   const double log_prior = normalized.priors.LogEvidence(assessed.pose);
@@ -112,7 +113,7 @@ void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& norma
   for (const Alternative& alternative : alternatives) all += alternative.odds;
   // Several weak alternatives leave a pose.
   const double over_alternatives = std::max(1 / all, std::min(least, kLeastConfidence));
-  // Inliers on less are one witness.
+  // Inliers on a smaller part of what is matched are one witness.
   if (assessor.Spread(evidence) < kOnePlace) confidence = std::min(confidence, 0.5);
 
   const double distance = SceneDistance(normalized, assessed.pose, assessed.scored);
@@ -138,7 +139,7 @@ void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& norma
                                                     distance, scale, evidence));
   }
   Conclude(confidence, of_position, estimate);
-  // Pose k is right with odds_k / all of what all else leaves.
+  // Pose k is right with the probability odds_k / all, times the confidence that all else leaves.
   estimate.alternatives.clear();
   if (over_alternatives < kLocalizedConfidence) {
     for (const Alternative& alternative : alternatives) {

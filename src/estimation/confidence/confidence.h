@@ -1,4 +1,4 @@
-// How sure a pose is: the probability that it is right.
+// Assesses a pose: the probability that it is right, and the alternatives to it.
 //
 //   confidence = min(P_chance, P_alternative, P_patch, P_points, max(0.05, P_position))
 //
@@ -34,11 +34,12 @@
 
 namespace raylift {
 
-// A pose that is as surely wrong as a localized one is right is none.
+// The least confidence of a pose: one as surely wrong as a localized one is right is rejected.
 inline constexpr double kLeastConfidence = 1 - kLocalizedConfidence;
 
-// What a scene holds twice, a window or a sign, seldom is as large as this share: of what the
-// photograph shows, or of the keypoints that speak for one of two poses.
+// The largest share of a window or a sign, which a scene may hold twice: of what the photograph
+// shows, or of the keypoints that speak for one of two poses. Anything larger is a place of its
+// own.
 inline constexpr double kOnePlace = 0.25;
 
 struct AssessedPose {
@@ -50,8 +51,8 @@ struct AssessedPose {
   std::vector<CamFromLocal> alternatives;  // that RANSAC found
 };
 
-// Sets the estimate's confidence, verdict, counts of keypoints and alternatives; these as they were
-// found, without a covariance.
+// Sets the estimate's confidence, verdict, counts of keypoints and alternatives (not yet refined,
+// without a covariance).
 void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& normalized,
                       const AssessedPose& assessed, const EstimatorOptions& options,
                       PoseEstimate& estimate);
@@ -59,17 +60,18 @@ void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& norma
 // Puts the likeliest first.
 void SortByProbability(std::vector<AlternativePose>& alternatives);
 
-// Sets the confidence, no more than the position's unless that is less than what is needed for a
-// pose, and the verdict that follows.
+// Sets the confidence to min(confidence, max(kLeastConfidence, of_position)), and the verdict that
+// follows.
 void Conclude(double confidence, double of_position, PoseEstimate& estimate);
 
-// The logarithm of Hoeffding's bound of the probability that of independent trials so many succeed,
-// each by a chance.
+// Returns the logarithm of Hoeffding's bound on the probability that at least k = `successes` of n
+// = `trials` independent trials succeed, each with the probability `chance`: -n KL(k / n, chance).
 double LogBinomialTail(double trials, double successes, double chance);
 
-// Wrong residuals are counted between 5 and 15 thresholds, where even inaccurate right ones are
-// rare. Their number grows with their limit's `dimensions`th power: of so many there, one is within
-// the threshold.
+// IsInRing() returns whether a squared residual lies between 5 and 15 thresholds, where wrong
+// residuals are counted, as even inaccurate right ones are rare there. RingPerInlier() returns how
+// many wrong residuals lie there for each one within the threshold: their number grows with the
+// `dimensions`th power of their limit.
 bool IsInRing(double squared);
 double RingPerInlier(int dimensions);
 
@@ -80,18 +82,19 @@ struct InlierEvidence {
   int inlier_keypoints = 0;  // of which one match is an inlier
   // The logarithm of the expected number of poses that chance supports as well.
   double log_false_alarms = 0;
-  // Whether each match is an inlier: the 2D-3D matches, then the 2D-2D matches, of the sets in use.
+  // One flag per match, true for an inlier: the 2D-3D matches, then the 2D-2D matches, of the sets
+  // in use.
   std::vector<bool> inlier = {};
   double clustering = 1;  // inlier keypoints per cell of the image
   double chance = 0;      // that a keypoint with wrong matches alone is an inlier, on average
-  // Keypoints with a 2D-3D match of which a 2D-2D match is an inlier, how many of these have a
-  // right one as chance would have it, and how many of them have a 2D-3D inlier.
+  // Number of keypoints that have both a 2D-3D match and a 2D-2D inlier; how many of these are not
+  // due to chance; and how many have a 2D-3D inlier.
   int paired = 0;
   double paired_right = 0;
   int paired_agreeing = 0;
   double line_chance = 0;  // that the point of one such keypoint agrees if its depth is wrong
 
-  // Whether an alternative that explains all the rest would make the pose doubtful.
+  // Returns whether an alternative that explains all the rest would make the pose doubtful.
   bool LeavesRoomForAnAlternative() const;
 };
 
@@ -102,13 +105,13 @@ struct ExclusiveInliers {
   double only_first = 0, only_second = 0;
   double left = 0;  // that have a match which the first does not explain
 
-  // The probability that the first is right if one of them is, where each keypoint speaks for
+  // Returns the probability that the first is right if one of them is, each keypoint speaking for
   // itself; nullopt where there is no such keypoint.
   std::optional<double> ProbabilityOfFirst(double clustering) const;
 };
 
-// The probability that the first of two sets of keypoints beyond chance is the right one: each set
-// counts as one witness, right with the share that agrees with it.
+// Returns the probability a^2 / (a^2 + b^2) that the first of two sets of keypoints beyond chance
+// is the right one: each set counts as one witness, right with the share that agrees with it.
 double ProbabilityOfLarger(double first, double second);
 
 // Assesses poses of one problem, to which it holds references.
@@ -125,40 +128,42 @@ class InlierAssessor {
   std::optional<ExclusiveInliers> Compare(const InlierEvidence& first,
                                           const InlierEvidence& second) const;
 
-  // Whether more of the keypoints that the best pose leaves a match of speak for the alternative
-  // than chance would have: then the scene holds something twice, or one of them is wrong as a
-  // whole.
+  // Returns whether more of the keypoints that the best pose leaves a match of speak for the
+  // alternative than chance would have: then the scene holds something twice, or one of them is
+  // wrong as a whole.
   bool IsBeyondChance(const InlierEvidence& alternative, const ExclusiveInliers& exclusive) const;
 
-  // The share of the keypoints with matches that lie as near to the middle of the inliers as two
-  // thirds of these do, over two thirds: 1 where inliers are spread as all are.
+  // Returns the share of the keypoints with matches that lie as near to the middle of the inliers
+  // as two thirds of these do, over two thirds: 1 where inliers are spread as all are.
   double Spread(const InlierEvidence& evidence) const;
 
-  // Whether the geometry is there and does not agree: a right 2D-2D match has its point within the
-  // threshold, which is so many of the stated standard deviations, but where pose or geometry are
-  // wrong the point may be anywhere on the match's epipolar line. So no more agree than those, and
-  // fewer than a right pose would have.
+  // Returns whether the geometry is there and does not agree with the pose. A right 2D-2D match has
+  // its point within the threshold, which is kSigmasOfThreshold stated standard deviations; if pose
+  // or geometry is wrong, the point may be anywhere on the match's epipolar line. So points
+  // disagree if no more of them fit than by chance, and fewer than with a right pose.
   bool PointsDisagree(const InlierEvidence& evidence) const;
 
  private:
-  // The keypoint of each match of the sets in use, as InlierEvidence::inlier has them.
+  // Returns the keypoint of a match, which is numbered as in InlierEvidence::inlier.
   size_t KeypointOf(size_t match) const;
-  // Of poses that references of two places speak for, which look alike as wholes (places.cc);
-  // nullopt of others.
+  // Compares poses of two places that look alike as wholes, each with references that speak for it
+  // (places.cc); nullopt for all other poses.
   std::optional<ExclusiveInliers> CompareAsPlaces(const InlierEvidence& first,
                                                   const InlierEvidence& second) const;
-  // The reference of each match; nullopt where it is of none.
+  // Returns the reference of each match of the sets in use; nullopt where it is of none.
   std::vector<std::optional<size_t>> ReferencesOfMatches() const;
-  // The keypoints of some matches.
+  // Returns the flags of the keypoints that have one of these matches.
   std::vector<bool> KeypointsOf(const std::vector<bool>& matches) const;
-  // Whether a reference sees a fourth of the 3D points of some matches, or there is none.
+  // Returns whether a reference sees at least a fourth of these matches' 3D points, or there is
+  // none.
   bool SeesPointsOf(const std::vector<bool>& matches, const PosedImage& reference) const;
-  // Whether a pose, which some references speak for and which explains some keypoints, explains the
-  // parts of the photograph in which `others` are as well, as far as its references show them.
+  // Returns whether a pose, which `references` speak for and which explains the keypoints
+  // `explained`, has some of these in three of four parts of the photograph in which `others` are
+  // and which the references show.
   bool ExplainsAll(const CamFromLocal& pose, const std::vector<PosedImage>& references,
                    const std::vector<bool>& explained, const std::vector<bool>& others) const;
-  // The factor by which uncertain points and references widen the area or the width of an inlier,
-  // on average.
+  // Return the mean factor by which uncertain points widen the area of a 2D-3D inlier, and
+  // uncertain references the width of a 2D-2D inlier.
   double Widening2D3D(const CamFromLocal& pose) const;
   double Widening2D2D() const;
 
@@ -173,23 +178,25 @@ class InlierAssessor {
   std::vector<int> camera_;  // of each keypoint
 };
 
-// The probability that the first of two poses is right if one of them is, from the keypoints that
-// speak for one of them, and the logarithm of the odds for it beforehand. Where the alternative
-// is beyond chance, keypoints do not speak each for itself: that many agree says that they show one
-// thing, not that it is the right one. They count as two witnesses then, each of them right with
-// the share of the keypoints that agree with it. But an alternative that is more than a window or a
-// sign (kOnePlace) is another place as a whole: how many keypoints were matched there says nothing.
+// Returns the probability that the first of two poses is right if one of them is, from the
+// keypoints that speak for one of them and the prior log odds for it. If the alternative is beyond
+// chance, keypoints do not speak each for itself: that many agree says that they show one thing,
+// not that it is the right one. They count as two witnesses then, each of them right with the share
+// of the keypoints that agree with it. But an alternative that is more than a window or a sign
+// (kOnePlace) is another place as a whole: how many keypoints were matched there says nothing, and
+// it is 1/2.
 double ProbabilityOverAlternative(const ExclusiveInliers& exclusive, double clustering,
                                   bool beyond_chance, double log_odds = 0);
 
-// So many samples that one is of right matches alone in nineteen cases of twenty, where one in 64
-// is: three of a quarter, six of a half.
+// The number of samples of which, with 95 % probability, one is of right matches alone where one in
+// 64 is: three of a quarter, six of a half.
 inline constexpr int kAlternativeSamples = 191;
 
 // Looks for a pose among the matches that the pose does not explain (InlierEvidence::inlier), by
 // samples of three 2D-3D matches where these are of the scored sets and left, of E5+1 otherwise. Of
-// the 2D-3D matches only those of the reference that most are left of are looked at.
-// Where there is one, the scene holds something twice, or one of the two poses is wrong as a whole.
+// the 2D-3D matches only those of the reference that most are left of are looked at. If there is
+// one, the scene holds something twice, or one of the two poses is wrong as a whole. nullopt where
+// none is found.
 std::optional<Rigid3> FindAlternative(const PoseProblem& problem,
                                       const NormalizedProblem& normalized,
                                       const std::vector<bool>& explained, MatchSets scored,
@@ -199,40 +206,41 @@ std::optional<Rigid3> FindAlternative(const PoseProblem& problem,
 // twenty, the finest threshold in use outdoors, and 3 cm in a room.
 inline constexpr double kRightPosition = 0.0125;
 
-// The median distance from the camera to what the inliers show, local units.
+// Returns the median distance from the camera to the inliers' points, local units; 1 without
+// inliers.
 double SceneDistance(const NormalizedProblem& problem, const CamFromLocal& pose, MatchSets sets);
 
-// How well the scale of one reference's depths is known.
+// The uncertainty of the scale of one reference's depths.
 struct DepthScale {
   double depth_sigma = 0;  // of one depth, relative
   std::optional<double> known_sigma =
       std::nullopt;  // of the scale itself, where it is known before
 
-  // The probability that the scale errs by no more than a share: normally distributed where its
-  // deviation is known; else it is as uncertain as one error of a depth tells, by Cauchy's
-  // distribution, which is Student's t with one degree of freedom.
+  // Returns the probability that the scale errs by no more than a share: by a normal distribution
+  // where its standard deviation is known; else by Cauchy's distribution (Student's t with one
+  // degree of freedom), as wide as the error of one depth.
   double ProbabilityWithin(double share) const;
 };
 
-// The probability that the pose is right in its distance from the reference that explains most of
-// its 2D-2D matches. Those fit at any distance, so that other matches alone tell it, those with
-// other references (or of other cameras of a rig), and that reference's depths: two witnesses. For
-// each, more keypoints must speak for the pose than for any place elsewhere on that line; and more
-// than chance has agree there, as what few among many agree on is chance's.
-// Where that may be chance's and the depths' scale may not hold, the distance is right by luck.
-// 1 where no 2D-2D match is explained, or the camera is at that reference.
+// Returns the probability that the pose is right in its distance from the reference that explains
+// most of its 2D-2D matches; 1 where no 2D-2D match is explained, or the camera is at that
+// reference. Those matches fit at any distance, so that others alone tell it: those with other
+// references (or of other cameras of a rig), and that reference's depths. They are two witnesses.
+// For each, more keypoints must speak for the pose than for any place elsewhere on that line, and
+// more than chance has agree there, as what few among many agree on is chance's. If others'
+// agreement may be chance and the depths' scale may not hold, the distance is right by luck.
 double ProbabilityOfDistance(const NormalizedProblem& problem, const CamFromLocal& pose,
                              MatchSets sets, double scene_distance, const DepthScale& scale,
                              const InlierEvidence& evidence);
 
-// Whether the depths of the reference that explains most 2D-2D matches would agree with the pose if
-// all were longer or shorter by one factor, between 1/2 and 2: more keypoints than chance has agree
-// on one. Then pose and geometry are right but for its scale.
+// Returns whether the depths of the reference that explains most 2D-2D matches would agree with the
+// pose if all were longer or shorter by one factor, between 1/2 and 2: more keypoints than chance
+// has agree on one. Then pose and geometry are right but for its scale.
 bool DepthsAgreeUpToFactor(const NormalizedProblem& problem, const CamFromLocal& pose,
                            double scene_distance, const InlierEvidence& evidence);
 
-// The probability that the position is right (kRightPosition) by its standard deviation; both in
-// local units. 1/2 without one (0): then nothing tells.
+// Returns the probability that the position is right (kRightPosition) by its standard deviation;
+// both arguments are in local units. 1/2 for a standard deviation of 0 (not known).
 double ProbabilityOfPosition(double position_sigma, double scene_distance);
 
 }  // namespace raylift

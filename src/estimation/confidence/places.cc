@@ -1,6 +1,6 @@
-// Two places that look alike: the alternative explains the photograph as far as its references show
-// it, and the best of them does not see what the pose explains. How many references of which place
-// were retrieved says nothing then. Not for rigs.
+// Compares poses of two places that look alike: the alternative explains the photograph as far as
+// its references show it, and the best of them does not see what the pose explains. How many
+// references of which place were retrieved says nothing then. Rigs are not compared so.
 
 #include <algorithm>
 #include <cmath>
@@ -105,7 +105,7 @@ std::optional<ExclusiveInliers> InlierAssessor::CompareAsPlaces(
   }
   const auto most = std::min_element(more_of_first.begin(), more_of_first.end());
   if (most == more_of_first.end() || *most >= 0) return std::nullopt;
-  // The inliers of each with the references that it explains more matches of.
+  // Each pose has its inliers with the references of which it explains more matches than the other.
   std::vector<bool> of_first(references.size(), false), of_second = of_first;
   for (size_t i = 0; i < references.size(); ++i) {
     const int more = references[i] ? more_of_first[*references[i]] : 0;

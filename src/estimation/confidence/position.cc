@@ -1,4 +1,5 @@
-// Whether the matches tell where the camera is, beside where it looks.
+// Computes the probability that the matches determine the camera's position, not its orientation
+// alone.
 
 #include <algorithm>
 #include <cmath>
@@ -45,25 +46,26 @@ std::optional<int> DominantReference(const NormalizedProblem& problem, const Res
   return static_cast<int>(most - counts.begin());
 }
 
-// How many keypoints chance has agree on a place of the line: of so many that have matches, each
-// does with a chance.
+// The a-contrario model of a place on the line: each of the keypoints that have matches agrees with
+// it by chance with the probability `chance`.
 struct ByChance {
   double keypoints = 0;
   double chance = 1;
 
-  // The logarithm of the expected number of places that as many keypoints agree on, of which one
-  // has chosen the place.
+  // Returns log NFA, the logarithm of the expected number of places with which `agreeing` of `of`
+  // keypoints agree by chance, one of which has chosen the place.
   double LogFalseAlarms(double agreeing, double of, double clustering) const {
     return std::log(std::max(keypoints, 1.0)) +
            LogBinomialTail((of - 1) / clustering, (agreeing - 1) / clustering, chance);
   }
 };
 
-// What the matches say at a place of the line, beside what they say at 0.
+// Compares the place 0 of the line, the pose's, with all others by the keypoints that agree with
+// each.
 class PlacesOnLine {
  public:
-  // `by_chance` where wrong matches fall anywhere; not where they may agree by what they have in
-  // common.
+  // `by_chance` is given where wrong matches fall anywhere, and nullopt where they may agree by
+  // what they have in common.
   PlacesOnLine(const std::vector<InlierRange>& intervals, size_t num_keypoints,
                const std::optional<ByChance>& by_chance)
       : intervals_(intervals),
@@ -80,8 +82,8 @@ class PlacesOnLine {
     speak_for_zero_ = exclusive_.only_first;
   }
 
-  // The probability that 0 is the right place, if one is, by the place elsewhere that most
-  // keypoints speak for: one that shares at most a quarter of the matches that speak for 0.
+  // Returns the probability that 0 is the right place, if one is: the least over all places that
+  // share at most a quarter of the matches that speak for 0.
   double ProbabilityOfZero(double clustering) {
     // RANSAC's sample has chosen the place by one of the matches, which says nothing.
     if (!(exclusive_.only_first > 1)) return 0.5;
@@ -102,8 +104,8 @@ class PlacesOnLine {
     return probability;
   }
 
-  // The same by places that are farther than a right one may be and sure to be better, however many
-  // matches they share with 0; 1 where there is none.
+  // Returns the same over all places farther off than a right one may be that are better with 95 %
+  // probability, however many matches they share with 0; 1 where there is none.
   double ProbabilityOverBetter(double clustering, double right_within) {
     double probability = 1;
     ForEachPlace([&](double x) {
@@ -114,8 +116,8 @@ class PlacesOnLine {
     return probability;
   }
 
-  // 1 / (1 + NFA_0 (1 + 1 / NFA_x)): 0 is as likely as it has fewer false alarms than another place
-  // and than chance; 0 where no other keypoint has matches.
+  // Returns 1 / (1 + NFA_0 (1 + 1 / NFA_x)), the probability of 0 against chance and another place;
+  // 0 where no other keypoint has matches, 1 without `by_chance`.
   double OverChance(double only_second, double clustering) const {
     if (!by_chance_) return 1;
     if (by_chance_->keypoints <= 1) return 0;
@@ -134,8 +136,8 @@ class PlacesOnLine {
                                                clustering),
                     -700.0);
   }
-  // What agrees beyond chance has a reason: then keypoints speak for one of the places, each as
-  // likely as not.
+  // Returns the probability of 0 against another place. If the other one is beyond chance, each
+  // keypoint that agrees with one of the two alone is a vote for it.
   double OverPlace(const ExclusiveInliers& exclusive, double clustering) const {
     const double over_chance = AtLeastEven(OverChance(exclusive.only_second, clustering));
     const bool may_be_chance =
@@ -191,7 +193,8 @@ class PlacesOnLine {
   ExclusiveInliers exclusive_;  // of 0 and of here
 };
 
-// Counts what may agree by chance: keypoints, and wrong matches by those in the ring (IsInRing).
+// Counts the keypoints that have matches, and estimates the number of wrong inliers from the
+// matches in the ring (IsInRing).
 class WrongMatches {
  public:
   explicit WrongMatches(size_t num_keypoints) : has_match_(num_keypoints, false) {}
@@ -224,22 +227,22 @@ struct LineFromReference {
         offset(CenterOfCamera(problem, pose, problem.CameraOf(dominant)) - reference),
         direction(offset / offset.norm()),
         length(offset.norm()),
-        // What a match tells of the distance is worth something if it is within a factor of two of
-        // the distance, or of a fourth of the way to the scene.
+        // Intervals longer than both the distance and half of that to the scene tell nothing of the
+        // distance.
         longest(std::max(length, 0.5 * scene_distance)),
         right_within(kRightPosition * scene_distance) {}
 
-  // Whether a match is with a reference at the dominant one's place, as those of a burst are: like
-  // its own, such matches fit wherever the camera is on the line, and depths of one view are wrong
-  // alike. Where the camera is at that place, too, both hardly matter.
+  // Returns whether a match is with a reference at the dominant one's place, as in a burst: like
+  // the dominant's own, such matches fit wherever the camera is on the line, and depths of one view
+  // are wrong alike. If the camera is at that place, too, only the very same center counts.
   bool IsFromPlace(const NormalizedProblem& problem, const NormalizedMatch2D2D& match) const {
     const double extent = length > right_within ? right_within : 0;
     const Vector3d& center = problem.centers[static_cast<size_t>(match.reference)];
     return match.camera == problem.CameraOf(dominant) && (center - reference).norm() <= extent;
   }
 
-  // Whether a match fits where the camera would be at its reference: all of its pairs do there,
-  // wrong ones, too, as there is no parallax.
+  // Returns whether a match fits with the camera at its reference: all of its pairs do there, wrong
+  // ones, too, as there is no parallax.
   bool FitsAtReference(const Vector3d& center, const InlierRange& interval) const {
     const Vector3d to_center = center - reference;
     const double along = to_center.dot(offset) / length;
@@ -249,10 +252,11 @@ struct LineFromReference {
   }
 };
 
-// A keypoint that the dominant reference and another one show: by the query's pixel and the
-// dominant's its point is C + z r, whose distance z grows as the camera's from C does, so that the
-// other reference sees it where it does in an interval alone. This tells the distance where all
-// centers are on one line, and pairs of pixels do not.
+// Returns the intervals of the keypoints that both the dominant reference and another one show. By
+// the query's pixel and the dominant's, a keypoint's point is C + z r, whose distance z is
+// proportional to the camera's from C, so that the other reference sees it at its pixel in one
+// interval alone. This tells the distance where all centers are on one line, and pairs of pixels do
+// not.
 std::vector<InlierRange> ByThreeViews(const NormalizedProblem& problem, const Residuals& residuals,
                                       const LineFromReference& line, const CameraOnLine& camera) {
   std::vector<std::vector<const NormalizedMatch2D2D*>> explained(problem.num_keypoints);
@@ -274,8 +278,8 @@ std::vector<InlierRange> ByThreeViews(const NormalizedProblem& problem, const Re
   return intervals;
 }
 
-// Whether each 2D-3D match is a depth of an explained 2D-2D match from the line's place: then its
-// point lies on that match's ray.
+// Returns for each 2D-3D match whether it is the depth of an explained 2D-2D match from the line's
+// place: whether its point lies on that match's ray.
 std::vector<bool> OwnDepths(const NormalizedProblem& problem, const Residuals& residuals,
                             const LineFromReference& line) {
   struct Ray {
@@ -299,11 +303,11 @@ std::vector<bool> OwnDepths(const NormalizedProblem& problem, const Residuals& r
   return own;
 }
 
-// Where the matches fit on that line, but for those that fit everywhere.
+// The intervals of the line in which the matches fit, without the matches that fit everywhere.
 struct EvidenceOnLine {
   std::vector<InlierRange> by_others, by_parallax, by_own_depths;
   WrongMatches others;
-  double own_depths = 0, agreeing = 0;  // of explained 2D-2D matches
+  double own_depths = 0, agreeing = 0;  // depths of explained 2D-2D matches; those that fit
 
   EvidenceOnLine(const NormalizedProblem& problem, const Residuals& residuals,
                  const LineFromReference& line, const CameraOnLine& camera)
@@ -368,9 +372,9 @@ int MostAtOnePlace(std::span<const InlierRange> intervals) {
   return most;
 }
 
-// What the dominant reference's depths say of the place: no surer for it than their scale is, and
-// nothing where the scale is off. Where they are alone, depths that err alike over a part of the
-// image turn the camera about the scene, by as large a share of its distance as they err by.
+// Returns the probability of the place by the dominant reference's depths: no more than that their
+// scale holds, and 1/2 as far as it does not. If they are alone, depths that err alike over a part
+// of the image turn the camera about the scene, by as large a share of its distance as they err by.
 double OfOwnDepths(double by_depths, double scale_holds, const DepthScale& scale, bool alone) {
   const double probability = by_depths > 0.5 ? std::min(by_depths, std::max(0.5, scale_holds))
                                              : 0.5 + scale_holds * (by_depths - 0.5);
@@ -379,7 +383,7 @@ double OfOwnDepths(double by_depths, double scale_holds, const DepthScale& scale
   return std::min(probability, std::max(0.5, one_depth));
 }
 
-// The probability that both are right if they are independent witnesses, and agree.
+// Returns the probability by two independent witnesses that agree: the product of their odds.
 double OddsOfBoth(double a, double b) {
   constexpr double kLeast = 1e-12;
   const auto odds = [&](double p) {
@@ -442,7 +446,7 @@ double ProbabilityOfDistance(const NormalizedProblem& problem, const CamFromLoca
   // Depths that agree with the place and those that do not are two witnesses of their scale.
   const double scale_holds =
       std::min(scale.ProbabilityWithin(line.right_within / line.length), found.ShareOfDepths());
-  // Where neither tells the distance it is right by luck.
+  // The distance is right by luck if neither tells it.
   const double neither = (1 - of_others.OverChance(0, clustering)) * (1 - scale_holds);
   return std::min(1 - neither,
                   OddsOfBoth(others, OfOwnDepths(by_depths, scale_holds, scale, others == 0.5)));

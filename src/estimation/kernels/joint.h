@@ -17,7 +17,8 @@ struct alignas(64) JointKeypoints {
   Row image_from_cam[9];
   Row camera_center[3];
   Row px_by_log_focal[2];
-  // The unknowns, and how far the query's pixel is to be trusted.
+  // The unknowns, the probability that the query's pixel is right, and its precision over the mean
+  // one.
   Row point[3];
   Row common;  // error of the depths
   Row query_right, query_precision;
@@ -76,7 +77,7 @@ struct JointBlocks {
   JointUnanchored* unanchored;
 };
 
-// What all keypoints have in common; see CamFromLocal, JointNoise, ReferenceError.
+// The parameters that all keypoints have in common; see CamFromLocal, JointNoise, ReferenceError.
 struct JointParameters {
   double rotation[9] = {}, translation[3] = {};  // row-major
   double focal_error = 0;
@@ -97,12 +98,13 @@ struct JointVoting {
 struct JointNormals {
   double hessian[28];  // of the query's seven unknowns, the upper triangle row by row
   double gradient[7];
-  // By the focal length's logarithm, where that is unknown.
+  // Derivatives by the focal length's logarithm, where that is unknown: mixed ones with the query's
+  // unknowns, first and second.
   double mixed[7], slope, curvature;
 };
 
 struct JointExpectation {
-  double share;        // of their way that weights go
+  double share;        // of the way to their new values that weights go
   double far;          // squared, in variances
   double query_wrong;  // probability
   bool is_pose_certain;

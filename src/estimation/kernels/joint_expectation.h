@@ -12,14 +12,14 @@ constexpr double kTwoPi = 6.283185307179586;
 constexpr double kAsGoodAsNormalTail = 1e-3;
 constexpr double kLeastDistanceDensity = 1e-9;
 
-// Student's density over that at the center: (1 + tail squared)^-(1 + 1 / (2 tail)).
+// Returns Student's density over that at the center: (1 + tail squared)^-(1 + 1 / (2 tail)).
 inline Real StudentDensity(const Real& squared, const JointParameters& of) {
   if (of.keypoint_tail < kAsGoodAsNormalTail) return Exp(Constant(-0.5) * squared);
   return Exp(Constant(-0.5 / of.keypoint_tail - 1) *
              Log(Constant(1) + Constant(of.keypoint_tail) * squared));
 }
-// The density of the logarithm of a distance that says nothing of the keypoint: that of any point
-// in the scene, and nowhere zero.
+// Returns the density of the logarithm of a distance that says nothing of the keypoint: that of any
+// point in the scene, and nowhere zero.
 inline Real DensityOfAny(const Real& log_distance, const JointParameters& of) {
   const Real off = log_distance - Constant(of.log_distance_mean);
   const double variance = 2 * of.log_distance_variance;
@@ -28,9 +28,9 @@ inline Real DensityOfAny(const Real& log_distance, const JointParameters& of) {
          Constant(kLeastDistanceDensity);
 }
 
-// The leave-one-out prediction of a pixel, and of a pixel with its depth, with variances of which a
-// part `information` is among the evidence that gave it; `evidence` is the evidence's uncertainty
-// in it.
+// The leave-one-out prediction of a pixel's error e. With the uncertainty S by all evidence
+// (`evidence`), the pixel's own information W in that (`information`) and its variance V, the error
+// is M e and its covariance M S + V, where M = (1 - S W)^-1.
 struct PixelPrediction {
   Real x, y;
   Symmetric2 covariance;
@@ -48,14 +48,14 @@ struct PixelPrediction {
                   (rest.yy * evidence.xy - rest.xy * evidence.yy) * inverse,
                   (rest.xx * evidence.yy - rest.xy * evidence.xy) * inverse + variance};
   }
-  // e' C^-1 e.
+  // Returns e' C^-1 e.
   Real Squared() const {
     return (x * x * covariance.yy - Constant(2) * x * y * covariance.xy + y * y * covariance.xx) /
            covariance.Determinant();
   }
 };
 
-// Of a pixel with its depth.
+// The leave-one-out prediction of a pixel with its depth.
 struct DepthPrediction {
   PixelPrediction pixel;
   Real error, variance;  // of the depth, given the pixel
@@ -70,7 +70,7 @@ struct DepthPrediction {
                           Real3{one - one, one, one - one};
     const Real3 column2 = Real3{evidence.xz, evidence.yz, evidence.zz} * minus_depth +
                           Real3{one - one, one - one, one};
-    // Those of the cofactors are the rows of M times the determinant.
+    // The columns' cross products are the rows of M times the determinant.
     const Real3 row0 = Cross(column1, column2), row1 = Cross(column2, column0),
                 row2 = Cross(column0, column1);
     const Real inverse = one / Dot(column0, row0);
@@ -121,17 +121,18 @@ class JointExpectationKernel {
   }
 
  private:
-  // A keypoint's point, as the evidence has it, for all of its observations.
+  // The posterior of a keypoint's point by its evidence, for all of its observations.
   struct Posterior {
     Mask is_known;          // in front of the query, and its covariance is finite
     Symmetric4 covariance;  // of the point and its common error, the query's pose given
     Symmetric4 full;        // of the same, the pose being uncertain
-    Real query_far;         // 1: and nothing tells whose pixel is wrong
-    // A keypoint whose point has not settled yet says nothing of the noise.
+    Real query_far;         // 1: its pixel is far off, and nothing tells whose is wrong
+    // Weight in the noise's sums; a keypoint whose point has not settled yet says nothing of the
+    // noise.
     Real trust;
   };
 
-  // Sets the covariances that know of the pose's; returns that of the point as the query sees it.
+  // Sets the covariance that knows of the pose's; returns that of the point as the query sees it.
   Symmetric3 SpreadPose(const PointLanes& known, bool has_depths, Posterior& posterior) const;
   void UpdateQuery(JointKeypoints& keypoints, const PointLanes& known, const Real& num_right,
                    const Symmetric3& seen, const Posterior& posterior);
@@ -144,12 +145,13 @@ class JointExpectationKernel {
     return weight + share_ * (next - weight);
   }
   Mask IsFar(const Real& squared, const Real& variance) const { return far_ * variance < squared; }
-  // The precision of the normal distribution that an error seems to come from, over the mean one.
+  // Returns the precision of the normal distribution that an error seems to come from, over the
+  // mean one.
   Real Precision(const Real& squared) const {
     return Constant(1 + 2 * of_.keypoint_tail) /
            (Constant(1) + Constant(of_.keypoint_tail) * squared);
   }
-  // 0 where it is none.
+  // Returns the density of an error; 0 where it is not finite.
   Real Density(const PixelPrediction& predicted) const {
     const Real determinant = predicted.covariance.Determinant();
     const Real density =
@@ -211,8 +213,8 @@ void JointExpectationKernel::Update(JointKeypoints& keypoints) {
   }
 }
 
-// D Q D', the covariance of a point's displacement and of the last unknown by that of the query's
-// unknowns, with D = (-[point]x, 1, 0; 0, 0, 1).
+// Returns D Q D', the covariance of a point's displacement and of the last unknown by that of the
+// query's unknowns, with D = (-[point]x, 1, 0; 0, 0, 1).
 inline Symmetric4 SpreadLanes(const double* q, const Real3& point) {
   Real3 half[7];  // rows of D Q, transposed
   Real last[7];
@@ -242,7 +244,7 @@ inline FourLanes operator*(const Symmetric4& m, const FourLanes& v) {
 inline Real Dot(const FourLanes& a, const FourLanes& b) {
   return Dot(a.point, b.point) + a.last * b.last;
 }
-// A m A' with the rows of A.
+// Returns A m A' with the rows of A.
 inline Symmetric3 Spread(const Symmetric4& m, const FourLanes (&rows)[3]) {
   const FourLanes half0 = m * rows[0], half1 = m * rows[1], half2 = m * rows[2];
   return {Dot(half0, rows[0]), Dot(half0, rows[1]), Dot(half0, rows[2]),
@@ -289,8 +291,8 @@ void JointExpectationKernel::UpdateQuery(JointKeypoints& keypoints, const PointL
   precision = Select(
       counts, Approached(precision, Precision((query.Squared() + evidence) / variance)), precision);
   precision.Store(keypoints.query_precision);
-  // The noise, with the weights that gave the point and the precision that its residual shows (the
-  // EM algorithm's order).
+  // The noise's sums take the weights that gave the point and the precision that its residual shows
+  // (the EM algorithm's order).
   const Real trust = Where(counts, posterior.trust);
   pixels_.Add(Where(counts, trust * query_right * precision * query.Squared()),
               Where(counts, trust * (Constant(2) * query_right - query.weight * evidence)));
@@ -316,7 +318,7 @@ void JointExpectationKernel::UpdateObservation(JointObservations& slot,
   const Real precision = Approached(
       old_precision, Precision((term.Squared() + pixel_covariance.Trace()) / term.pixel_variance));
   Select(seen, precision, old_precision).Store(slot.precision);
-  // The noise, as of the query's pixel.
+  // The noise's sums are as with the query's pixel.
   pixels_.Add(Where(seen, posterior.trust * old_weight * precision * term.Squared() *
                               Constant(of_.keypoint_px2) / term.pixel_variance),
               Where(seen, posterior.trust * (Constant(2) * old_weight -
@@ -399,7 +401,7 @@ void JointExpectationKernel::UpdateUnanchored(JointUnanchored& slot,
 
   const PixelLanes seen(keypoints.image_from_cam, wide_.PointInCamera(keypoints, point));
   const Mask in_front = counts & seen.in_front;
-  // The leave-one-out prediction: M = (1 - S u)^-1, M e and M S + Real3.
+  // The leave-one-out prediction has the error M e and the covariance M S + V, M = (1 - S u)^-1.
   Symmetric3 rest = evidence.Times(-used);
   rest.AddToDiagonal(Constant(1));
   const Symmetric3 without = rest.Inverse();

@@ -21,7 +21,7 @@ inline void Store3(const Real3& v, Row* rows) {
   v.z.Store(rows[2]);
 }
 inline Real operator-(const Real& a) { return Constant(0) - a; }
-// Where a mask holds; zero elsewhere, whatever is there.
+// Returns x where a mask holds, and zero elsewhere, whatever is there.
 inline Real Where(const Mask& mask, const Real& x) { return Select(mask, x, Constant(0)); }
 inline Mask IsFinite(const Real& x) { return (x - x) <= Constant(0); }
 
@@ -62,14 +62,14 @@ struct Symmetric3 {
     return {yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy,
             xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy};
   }
-  // By the cofactors.
+  // Expands the determinant along the first row.
   Real Determinant(const Symmetric3& cofactors) const { return Dot(Row0(), cofactors.Row0()); }
   Symmetric3 Inverse() const {
     const Symmetric3 cofactors = Cofactors();
     return cofactors.Times(Constant(1) / Determinant(cofactors));
   }
 };
-// Of a point and the error that its depths have in common.
+// A symmetric matrix of a point and the error that its depths have in common.
 struct Symmetric4 {
   Symmetric3 point;
   Real3 mixed;
@@ -88,7 +88,7 @@ inline Symmetric4 Load10(const Row* rows) {
       Load(rows[9])};
 }
 
-// How a pixel moves with a point: the rows of its Jacobian.
+// The Jacobian of a pixel by a point: its rows.
 struct PixelJacobian {
   Real3 x, y;
 
@@ -98,7 +98,7 @@ struct PixelJacobian {
   }
 };
 
-// ResidualOf().
+// The residual of a ray in an image, as ResidualOf() returns it.
 struct PixelLanes {
   Mask in_front;
   Real x, y;  // the residual, pixels
@@ -117,8 +117,8 @@ struct PixelLanes {
   Real Squared() const { return x * x + y * y; }
 };
 
-// A quadratic in a point's displacement and one more unknown, that a distance's logarithm moves
-// against.
+// A quadratic in a point's displacement and one more unknown, which is subtracted from a distance's
+// logarithm.
 struct QuadraticLanes {
   Symmetric4 hessian{Symmetric3::Zero(), {Constant(0), Constant(0), Constant(0)}, Constant(0)};
   Real3 gradient{Constant(0), Constant(0), Constant(0)};
@@ -156,26 +156,26 @@ struct WideParameters {
         least_weight(Constant(parameters.least_weight)) {}
   Real3 Rotate(const Real3& v) const { return {Dot(row[0], v), Dot(row[1], v), Dot(row[2], v)}; }
   Real3 RotateBack(const Real3& v) const { return row[0] * v.x + row[1] * v.y + row[2] * v.z; }
-  // Of the camera that a keypoint is seen by.
+  // Returns the center of the camera that a keypoint is seen by.
   Real3 Center(const JointKeypoints& keypoints) const {
     return RotateBack(Load3(keypoints.camera_center) - translation);
   }
   Real3 PointInCamera(const JointKeypoints& keypoints, const Real3& point) const {
     return Rotate(point) + translation - Load3(keypoints.camera_center);
   }
-  // Of an unanchored point.
+  // Returns the information of an unanchored point in each coordinate.
   Real Information(const JointUnanchored& slot) const {
     const Real weight = Load(slot.weight);
     return Where(least_weight <= weight, weight / (Constant(of.unanchored) + Load(slot.variance)));
   }
-  // A point as the unanchored points have it.
+  // Returns a point as the unanchored points have it, displaced by their common error.
   Real3 Displaced(const Real3& point) const {
     if (!of.have_references_errors) return point;
     return point + Cross(Fill3(of.unanchored_error), point) + Fill3(of.unanchored_error + 3);
   }
 };
 
-// The query's frame, with the prior of the point's distance.
+// The query's pixel, and the prior of the point's distance, linearized.
 struct QueryLanes {
   Mask in_front;
   Real x, y;               // the pixel's residual
@@ -204,7 +204,7 @@ struct QueryLanes {
   Real Squared() const { return x * x + y * y; }
 };
 
-// An observation, linearized; what is left of it in its slot.
+// An observation, linearized; Keep() writes what is left of it to its slot.
 struct ObservationLanes {
   Mask in_front;
   Real x, y;
@@ -262,7 +262,8 @@ struct ObservationLanes {
   }
 };
 
-// All that is known of the points of a block and of their depths' common errors.
+// The evidence of the points of a block and of their depths' common errors, to which observations
+// are added.
 struct PointLanes {
   Real3 point;
   Real common;
@@ -290,7 +291,7 @@ struct PointLanes {
           cost.gradient + (parameters.Displaced(point) - Load3(slot.point)) * information;
     }
   }
-  // H_pp^-1.
+  // Returns H_pp^-1.
   Symmetric4 Covariance(bool has_depths) const {
     const Symmetric4& h = cost.hessian;
     const Real inverse = Constant(1) / h.common;
@@ -364,7 +365,7 @@ inline void ZeroUnless(const Mask& mask, QuadraticLanes& q) {
   q.last_gradient = Where(mask, q.last_gradient);
 }
 
-// Adds the focal length's part, its block's points eliminated.
+// Adds the focal length's part of a block, whose points are eliminated.
 void AddFocal(JointKeypoints& keypoints, const QueryLanes& query, const Mask& used,
               const Symmetric4& covariance, const QuadraticLanes& cost, const Real3& point,
               JointNormalLanes& sums) {
@@ -441,8 +442,8 @@ void AddFocal(JointKeypoints& keypoints, const QueryLanes& query, const Mask& us
   return sums.Sum();
 }
 
-// Adds to a keypoint's gradient, of its point and of its common error, what the references' steps
-// do.
+// Adds to a keypoint's gradient, of its point and of its common error, the part of the references'
+// steps.
 inline void AddReferenceSteps(const JointBlocks& blocks, const JointKeypoints& keypoints,
                               const WideParameters& parameters, Real3& pull, Real& common_pull) {
   const Real3 point = Load3(keypoints.point);
@@ -491,7 +492,7 @@ inline void AddReferenceSteps(const JointBlocks& blocks, const JointKeypoints& k
     }
     const Real3 move = covariance.point * pull + covariance.mixed * common_pull;
     const Real common_move = Dot(covariance.mixed, pull) + covariance.common * common_pull;
-    // Not beyond what the linearization tells.
+    // A step goes no farther than the linearization tells: half of the way to the camera.
     const Real3 offset = point - wide.Center(keypoints);
     const Real limit = Constant(0.5) * SquareRoot(Dot(offset, offset));
     const Real length = SquareRoot(Dot(move, move));

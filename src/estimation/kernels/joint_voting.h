@@ -1,4 +1,4 @@
-// Where on its ray each keypoint of the joint refinement lies: see joint.h.
+// Kernels that find where on its ray each keypoint of the joint refinement lies: see joint.h.
 
 #pragma once
 
@@ -15,7 +15,7 @@ struct RayLanes {
       : origin(parameters.Center(keypoints)) {
     const Real focal_error = Constant(parameters.of.focal_error);
     const Real3 row2 = Load3(keypoints.image_from_cam + 6);
-    // As the longer focal length sees them.
+    // The rows are those of the longer focal length.
     const Real3 row0 =
         Load3(keypoints.image_from_cam) + row2 * (focal_error * Load(keypoints.px_by_log_focal[0]));
     const Real3 row1 = Load3(keypoints.image_from_cam + 3) +
@@ -28,8 +28,8 @@ struct RayLanes {
   Real3 At(const Real& distance) const { return origin + direction * distance; }
 };
 
-// Where a point that moves along the query's ray is seen in a reference: its residual is
-// at_infinity + direction / (offset + slope * distance).
+// The residual in a reference, pixels, of a point that moves along the query's ray:
+//   at_infinity + direction / (offset + slope * distance).
 struct ScanLanes {
   Real at_infinity_x, at_infinity_y, direction_x, direction_y, offset, slope;
 
@@ -62,7 +62,7 @@ struct ScanLanes {
     return x * x + y * y;
   }
   Real SquaredDirection() const { return direction_x * direction_x + direction_y * direction_y; }
-  // The distance of the smallest error, and that error.
+  // Return the distance of the smallest error, and that error squared.
   Real BestDistance() const {
     const Real along = at_infinity_x * direction_x + at_infinity_y * direction_y;
     return (-SquaredDirection() / along - offset) / slope;
@@ -73,7 +73,8 @@ struct ScanLanes {
   }
 };
 
-// A piece of evidence, right and with its depth, or right alone, over a wrong one's density.
+// The likelihoods of a piece of evidence, right and with its depth or right alone, over a wrong
+// one's.
 struct RatioLanes {
   Real with_depth = Constant(0), without_depth = Constant(0);
 
@@ -110,7 +111,7 @@ class VotingKernel {
   RatioLanes RatiosOf(const JointObservations& slot, bool has_depths, const RayLanes& ray,
                       const Real& distance) const;
   Real RatioOf(const JointUnanchored& slot, const RayLanes& ray, const Real& distance) const;
-  // How much likelier the evidence is with the keypoint at this distance, as a logarithm.
+  // Returns the logarithm of how much likelier the evidence is with the keypoint at this distance.
   Real LogEvidence(const JointKeypoints& keypoints, const RayLanes& ray,
                    const Real& distance) const;
 

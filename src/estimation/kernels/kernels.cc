@@ -178,7 +178,7 @@ struct NormalLanes {
     for (auto& g : gradient) g = Lanes<T>::Fill(0);
     cost = inliers = Lanes<T>::Fill(0);
   }
-  // A residual with its derivatives by rotation and translation.
+  // Adds a residual with its derivatives by rotation and translation.
   void Add(const Vec3<T>& by_rotation, const Vec3<T>& by_translation, const Lanes<T>& residual) {
     const Lanes<T> j[6] = {by_rotation.x,    by_rotation.y,    by_rotation.z,
                            by_translation.x, by_translation.y, by_translation.z};
@@ -200,8 +200,8 @@ struct NormalLanes {
   }
 };
 
-// Cost of a squared residual, and the root of its weight, by which the residual and its derivatives
-// are multiplied: zero beyond the limit.
+// The cost of a squared residual, and the root of its weight, by which the residual and its
+// derivatives are multiplied: zero beyond the limit.
 template <typename T>
 struct LossTerms {
   Lanes<T> cost, inlier, root_weight;
@@ -226,8 +226,8 @@ struct LossTerms {
   }
 };
 
-// Zero in the lanes that do not count: they may hold infinities and NaN, which a weight of zero
-// would not silence.
+// Returns v, zero in the lanes that do not count: they may hold infinities and NaN, which a weight
+// of zero would not silence.
 template <typename T>
 inline Vec3<T> Silence(const Vec3<T>& v, const Lanes<T>& inlier) {
   const Lanes<T> zero = Lanes<T>::Fill(0);
@@ -255,8 +255,8 @@ template <typename T>
     const LossTerms<T> terms(m.SquaredNumerator(), m.SquaredDenominator(), m.depth, one, loss);
     sums.cost = sums.cost + terms.cost;
     sums.inliers = sums.inliers + terms.inlier;
-    // e = n / s with s^2 = depth^2 + spread, so d e / d p = (frame_k - e_k (depth / s) frame_2) /
-    // s; a step (w, v) moves p by w x p + v.
+    // e = n / s with s^2 = depth^2 + variance_at_unit_depth, so d e / d p = (frame_k - e_k (depth /
+    // s) frame_2) / s; a step (w, v) moves p by w x p + v.
     const L inverse = Silence(one / SquareRoot(m.SquaredDenominator()), terms.inlier);
     const L e0 = m.n0 * inverse;
     const L e1 = m.n1 * inverse;

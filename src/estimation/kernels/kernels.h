@@ -51,7 +51,7 @@ struct alignas(64) Block2D2D {
   T parallax[kLanes<T>];
 };
 
-// A pose, cam_from_world, row-major.
+// A pose, cam_from_local, row-major.
 template <typename T>
 struct KernelPose {
   T rotation[9];
@@ -63,7 +63,7 @@ struct KernelScore {
   int inliers;  // e^2 < 1 and in front of the cameras
 };
 
-// How a refinement weighs a squared residual e^2 (in units of the squared threshold).
+// The loss rho of a squared residual e^2 in a refinement (in units of the squared threshold).
 enum class LossShape {
   kTruncated,  // rho = min(e^2, limit), as the MSAC score has it with a limit of 1
   kBiweight,   // Tukey's: rho = limit / 3 * (1 - (1 - e^2 / limit)^3), limit / 3 beyond
@@ -83,21 +83,21 @@ struct KernelNormals {
 };
 
 struct KernelTable {
-  // Scores of `count` consecutive blocks. The centers of the 2D-2D matches' references are given in
-  // the query's camera frame: `centers[3 * block_camera_reference[i]]`.
+  // Return the scores of `count` consecutive blocks. The centers of the 2D-2D matches' references
+  // are given in the query's camera frame: `centers[3 * block_camera_reference[i]]`.
   KernelScore (*score_2d3d)(const Block2D3D<float>* blocks, int count,
                             const KernelPose<float>& pose);
   KernelScore (*score_2d2d)(const Block2D2D<float>* blocks, const int* block_camera_reference,
                             int count, const KernelPose<float>& pose, const float* centers);
 
-  // e^2 of every lane, infinite where a lane does not count; `kLanes` per block.
+  // Write e^2 of every lane, infinite where a lane does not count; `kLanes` per block.
   void (*residuals_2d3d)(const Block2D3D<double>* blocks, int count, const KernelPose<double>& pose,
                          double* squared_residuals);
   void (*residuals_2d2d)(const Block2D2D<double>* blocks, const int* block_camera_reference,
                          int count, const KernelPose<double>& pose, const double* centers,
                          double* squared_residuals);
 
-  // Normal equations: the sums over these blocks alone, which replace what was there.
+  // Return the normal equations, summed over these blocks alone.
   KernelNormals (*normals_2d3d)(const Block2D3D<double>* blocks, int count,
                                 const KernelPose<double>& pose, const KernelLoss& loss);
   KernelNormals (*normals_2d2d)(const Block2D2D<double>* blocks, const int* block_camera_reference,
@@ -110,9 +110,10 @@ struct KernelTable {
                                       const KernelPose<float>& pose, const float* centers,
                                       const KernelLoss& loss);
 
-  // Of the joint refinement: what voting needs of each piece, and voting, once the slots have their
-  // references' clutter; the normal equations, its points' eliminated; the points' step after the
-  // query's, which `parameters` have taken already; and the E step.
+  // The kernels of the joint refinement: they fill what voting needs of each piece; vote, once the
+  // slots have their references' clutter; return the normal equations, with the points eliminated;
+  // move the points after the query's step, which `parameters` have taken already; and take the E
+  // step.
   void (*scan_jointly)(const JointBlocks& blocks, const JointParameters& parameters);
   void (*vote_jointly)(const JointBlocks& blocks, const JointParameters& parameters,
                        const JointVoting& voting);

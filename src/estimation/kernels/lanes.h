@@ -1,7 +1,7 @@
-// What kernels compute with: 64 bytes of numbers as native vectors of RAYLIFT_KERNEL_BYTES bytes,
-// lane by lane. For the files that are compiled once per instruction set alone; so everything here
-// has internal linkage, and no library header is used whose inline functions could leak
-// instructions that another processor lacks into the rest of the program.
+// The vectors that kernels compute with: 64 bytes of numbers as native vectors of
+// RAYLIFT_KERNEL_BYTES bytes, lane by lane. For the files that are compiled once per instruction
+// set alone; so everything here has internal linkage, and no library header is used whose inline
+// functions could leak instructions that another processor lacks into the rest of the program.
 //
 // Kernels are flattened, all that they call made part of them: calls would pass vectors through
 // memory.
@@ -38,7 +38,7 @@ struct Lanes {
     for (int i = 0; i < kParts; ++i) r.part[i] = value - Native{};
     return r;
   }
-  // Summed in the order of the lanes, halving: the same for every width of the native vectors.
+  // Sums the lanes by halving, in the same order for every width of the native vectors.
   double Sum() const {
     alignas(64) T v[kLanes<T>];
     Store(v);
@@ -64,7 +64,7 @@ RAYLIFT_LANES_OPERATOR(*)
 RAYLIFT_LANES_OPERATOR(/)
 #undef RAYLIFT_LANES_OPERATOR
 
-// condition(a < b and c > 0 and d > 0) ? x : y, the one selection that the kernels need.
+// Returns (a < b and c > 0 and d > 0) ? x : y, the one selection that the matches' kernels need.
 template <typename T>
 inline Lanes<T> SelectInlier(const Lanes<T>& a, const Lanes<T>& b, const Lanes<T>& c,
                              const Lanes<T>& d, const Lanes<T>& x, const Lanes<T>& y) {
@@ -121,7 +121,7 @@ inline Vec3<T> operator*(const Vec3<T>& a, const Lanes<T>& s) {
   return {a.x * s, a.y * s, a.z * s};
 }
 
-// Which lanes something holds for.
+// A mask of the lanes that a condition holds for.
 struct Mask {
   using Native = long long __attribute__((vector_size(RAYLIFT_KERNEL_BYTES)));
   static constexpr int kParts = Lanes<double>::kParts;
@@ -168,7 +168,7 @@ inline Lanes<double> Max(const Lanes<double>& a, const Lanes<double>& b) {
   return Select(a < b, b, a);
 }
 
-// e^x to 1e-12 of it; below -700 as good as 0, above 700 no larger than there.
+// Returns e^x to 1e-12 of it; below -700 as good as 0, above 700 no larger than there.
 inline Lanes<double> Exp(const Lanes<double>& x) {
   using L = Lanes<double>;
   const L bounded = Min(Max(x, L::Fill(-700)), L::Fill(700));
@@ -191,7 +191,8 @@ inline Lanes<double> Exp(const Lanes<double>& x) {
   return power;
 }
 
-// The logarithm of a normal positive number: 2 atanh(f / (2 + f)) of its significand 1 + f.
+// Returns the logarithm of a normal positive number: 2 atanh(f / (2 + f)) for its significand 1 +
+// f, and its exponent's part.
 inline Lanes<double> Log(const Lanes<double>& x) {
   using L = Lanes<double>;
   using Bits = unsigned long long __attribute__((vector_size(RAYLIFT_KERNEL_BYTES)));

@@ -24,8 +24,8 @@ enum Param : size_t { kFocal, kCenterX, kCenterY, kRadial, kRadial2 };
 
 constexpr int kRounds = 15;
 constexpr size_t kLeastKeypoints = 11;  // as many as unknowns
-// The median of a squared residual over its variance per coordinate, and the degrees of freedom of
-// Student's t, of which the weights are: 1 + 2 / nu at zero.
+// The median of a squared residual over its variance per coordinate, 2 log 2, and the degrees of
+// freedom nu of Student's t, which gives a residual of zero the weight 1 + 2 / nu.
 constexpr double kMedianOfSquare = 1.386;
 constexpr double kDegrees = 4;
 
@@ -35,7 +35,8 @@ using UnknownVector = Eigen::Matrix<double, 6 + kLensSize, 1>;
 using UnknownMatrix = Eigen::Matrix<double, 6 + kLensSize, 6 + kLensSize>;
 using Jacobian = Eigen::Matrix<double, 2, 6 + kLensSize>;
 
-// How far a lens is from the assumed one: the focal length's logarithm and the other parameters.
+// Returns a lens's parameters less the assumed one's, of the focal length the logarithms'
+// difference.
 LensVector OffsetOf(const Camera& camera, const Camera& assumed) {
   LensVector offset;
   for (int i = 0; i < kLensSize; ++i) offset[i] = camera.params()[i] - assumed.params()[i];
@@ -76,13 +77,13 @@ std::optional<Residual> ResidualOf(const Camera& camera, const Rigid3& pose,
   return residual;
 }
 
-// Matches near the pose, each with the share that a keypoint's matches have in it.
+// A match near the pose, and its weight: one over the number of its keypoint's matches near it.
 struct WeightedMatch {
   const Match2D3D* match;
   double weight;
 };
 
-// Returns none where they are of too few keypoints.
+// Returns the matches within the threshold; none if they are of too few keypoints.
 std::vector<WeightedMatch> MatchesNear(const PoseProblem& problem, const Repeats& repeats,
                                        const Camera& camera, const Rigid3& pose,
                                        double threshold_px) {
@@ -104,7 +105,7 @@ std::vector<WeightedMatch> MatchesNear(const PoseProblem& problem, const Repeats
   return near;
 }
 
-// The normal equations of both, over the variance that the residuals show.
+// The normal equations of lens and pose, over the variance that the residuals show.
 struct Equations {
   UnknownMatrix hessian = UnknownMatrix::Zero();
   UnknownVector gradient = UnknownVector::Zero();
@@ -131,7 +132,7 @@ Equations Linearize(const std::vector<WeightedMatch>& matches, const Camera& cam
   return equations;
 }
 
-// Adds what is known of the pose, whose steps are local there and in scene units here.
+// Adds the pose's priors, whose steps are in local units, to equations in scene units.
 void AddPosePriors(const NormalizedProblem& normalized, const Rigid3& pose, Equations& equations) {
   if (normalized.priors.empty()) return;
   Vector6d local_from_scene = Vector6d::Ones();

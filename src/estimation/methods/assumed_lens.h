@@ -14,7 +14,7 @@
 
 namespace raylift {
 
-// The standard deviation of a lens's radial term, and how far from none it is looked for.
+// Standard deviation of a lens's radial term, and the furthest from 0 that it is searched for.
 inline constexpr double kRadialSigma = 0.2;
 inline constexpr double kFurthestRadial = 2 * kRadialSigma;
 
@@ -35,10 +35,10 @@ struct AssumedLens {
   Matrix6d pose_covariance;
 };
 
-// Takes Gauss-Newton's steps of lens and pose on the 2D-3D matches and what is known of lenses and of
-// the pose, from a lens (RADIAL) and a pose that they fit. The focal length is within a factor of
-// `range` of that of `assumed`. Where the matches tell little, the lens stays as uncertain as lenses
-// are; nullopt if there are too few. `normalized` is of the problem with any camera.
+// Refines lens and pose by Gauss-Newton on the 2D-3D matches and the priors of lenses and of the
+// pose, from a lens (RADIAL) and a pose that they fit. The focal length is within a factor of
+// `range` of that of `assumed`. Where the matches tell little, the lens stays as uncertain as
+// lenses are; nullopt where they are too few. `normalized` is of the problem with any camera.
 std::optional<AssumedLens> RefineAssumedLens(const PoseProblem& problem,
                                              const NormalizedProblem& normalized,
                                              const Camera& start, const Rigid3& cam_from_world,

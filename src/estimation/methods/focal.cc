@@ -1,6 +1,6 @@
-// The focal length of the query, found with its pose: RANSAC with some focal lengths of the range,
-// a search along one dimension for the lowest MSAC cost about the best of them, and from there,
-// where poses are refined by maximum likelihood, Newton's steps on the likelihood. Where nobody has
+// Finds the query's focal length with its pose: by RANSAC with some focal lengths of the range, a
+// search along one dimension for the lowest MSAC cost about the best of them, and from there, where
+// poses are refined by maximum likelihood, Newton's steps on the likelihood. If nobody has
 // calibrated the lens, a radial term is searched for in turn with the focal length.
 
 #include <algorithm>
@@ -25,13 +25,13 @@
 namespace raylift {
 namespace {
 
-// How near, as a logarithm, a candidate is to any focal length in the range, and how far from its
-// candidate a focal length is looked for.
+// Every focal length in the range is within kCandidateReach of a candidate, and the search goes up
+// to kSearchSteps steps of kSearchStep from its candidate; all are logarithms.
 constexpr double kCandidateReach = 0.1;
 constexpr double kSearchStep = 0.03;
 constexpr int kSearchSteps = 9;
 constexpr double kRadialStep = 0.05;
-constexpr int kRadialSteps = 16;  // from one end of what is looked for to the other
+constexpr int kRadialSteps = 16;  // from one end of the searched range to the other
 constexpr int kLensRounds = 3;
 
 Camera WithFocalScaled(const Camera& camera, double factor) {
@@ -71,7 +71,8 @@ struct FocalRefinement {
   std::optional<Matrix6d> covariance_by_lens;
 };
 
-// What is varied, in steps of `step`, at most so many either way and between two bounds.
+// A searched value of the camera: a grid of steps of `step`, at most `num_steps` either way and
+// between two bounds.
 struct SearchedValue {
   std::function<Camera(double)> camera_at;
   double step;
@@ -86,22 +87,22 @@ NormalizedProblem Prepare(const PoseProblem& problem, const EstimatorOptions& op
   return Normalize(problem, options, rng);
 }
 
-// Searches near the problem's lens, from a pose of the problem as it is, by the sets in use.
+// Searches for the lens near the problem's, from a pose found with that, by the sets in use.
 class FocalSearch {
  public:
   FocalSearch(const PoseProblem& problem, MatchSets sets, const EstimatorOptions& options)
       : problem_(problem), sets_(sets), options_(options) {}
 
-  // A focal length between factors of the problem's, as logarithms, and a radial term where the
-  // lens is assumed.
+  // Searches for the focal length, between two factors of the problem's, as logarithms, and for the
+  // radial term where the lens is assumed.
   Trial Best(const Rigid3& start, double shortest, double longest) const;
-  // Newton's steps from there.
+  // Refines the focal length by Newton's steps from there.
   FocalRefinement Polish(const Trial& from, double shortest, double longest) const;
 
  private:
   Trial Try(const SearchedValue& value, double at, const Rigid3& start) const;
   Trial Lowest(const SearchedValue& value, const Rigid3& start) const;
-  // Refines the pose with this camera first.
+  // Refines the pose with this camera, and returns the step of the focal length there.
   std::optional<FocalStep> StepFrom(const Camera& camera, CamFromLocal& pose) const;
 
   const PoseProblem& problem_;
@@ -129,7 +130,7 @@ Trial FocalSearch::Try(const SearchedValue& value, double at, const Rigid3& star
   return {at, cost, changed.query_camera, prepared.ToWorld(pose)};
 }
 
-// A coarse grid finds the basin, golden sections its lowest point.
+// Searches for the lowest cost: a coarse grid finds the basin, golden sections its lowest point.
 Trial FocalSearch::Lowest(const SearchedValue& value, const Rigid3& start) const {
   Trial best = Try(value, 0, start);
   for (int i = -value.num_steps; i <= value.num_steps; ++i) {
@@ -215,7 +216,7 @@ FocalRefinement FocalSearch::Polish(const Trial& from, double shortest, double l
     const std::optional<FocalStep> step = StepFrom(result.camera, pose);
     if (!step) break;
     Vector6d by_factor = step->pose_by_log_factor;
-    // Nothing is less certain than anywhere in the range.
+    // The focal length is no less certain than a uniform one in the range.
     const double variance =
         1 / (1 / step->variance + 12 / ((longest - shortest) * (longest - shortest)));
     const double taken = std::clamp(log_factor + step->log_factor, shortest, longest) - log_factor;
@@ -243,8 +244,8 @@ std::vector<Camera> FocalCandidates(const Camera& camera, double range) {
   return candidates;
 }
 
-// Finds the focal length near the problem's, and within a factor of `middle_px`, that the sets in
-// use speak for.
+// Refines the focal length from the problem's, within the factor `range` of `middle_px`, by the
+// sets in use.
 FocalRefinement RefineFocal(const PoseProblem& problem, const Rigid3& cam_from_world,
                             MatchSets sets, const EstimatorOptions& options, double middle_px,
                             double range) {
@@ -267,7 +268,7 @@ FocalRefinement RefineFocal(const PoseProblem& problem, const Rigid3& cam_from_w
   return search.Polish(best, shortest, longest);
 }
 
-// The lens leaves the position less certain than the estimate has known.
+// Lowers the confidence by the position's standard deviation, which now includes the lens's part.
 void DoubtByPosition(const PoseProblem& problem, MatchSets scored, const EstimatorOptions& options,
                      PoseEstimate& estimate) {
   const NormalizedProblem local = Prepare(problem, options);
@@ -276,8 +277,8 @@ void DoubtByPosition(const PoseProblem& problem, MatchSets scored, const Estimat
            ProbabilityOfPosition(estimate.position_sigma / local.scale, distance), estimate);
 }
 
-// Adds what a pose may err by for the lens, nullopt where that is not known, to alternatives that take
-// the lens for granted.
+// Adds the lens's part to the covariances of the alternatives, which take the lens for granted;
+// drops these where it is nullopt (not known).
 void DoubtByLens(const std::optional<Matrix6d>& covariance_by_lens, PoseEstimate& estimate) {
   for (AlternativePose& other : estimate.alternatives) {
     if (other.covariance && covariance_by_lens) {
@@ -292,7 +293,7 @@ int NumInliers(const PoseEstimate& estimate) {
   return estimate.score_2d3d.num_inliers + estimate.score_2d2d.num_inliers;
 }
 
-// All focal lengths in the range must be numbers.
+// Throws InputError unless all focal lengths in the range are normal numbers.
 void RequireFocalRange(const PoseProblem& problem, double range) {
   const Camera& camera = problem.query_camera;
   for (const double focal_px : {camera.focal_x_px(), camera.focal_y_px()}) {
@@ -332,8 +333,8 @@ std::optional<double> UnknownFocalRange(const PoseProblem& problem,
   return range;
 }
 
-// The focal length is refined at the best of the poses found with some in its range; the estimate
-// is then made anew, as a better focal length has more inliers.
+// Refines the focal length at the best of the poses found with some in its range, and makes the
+// estimate anew, as a better focal length has more inliers.
 PoseEstimate EstimateWithFocal(const RansacEstimator& estimator, const PoseProblem& problem,
                                const EstimatorOptions& options, double range) {
   const double focal_px = problem.query_camera.MeanFocalPx();

@@ -11,7 +11,7 @@
 namespace raylift {
 namespace {
 
-// P3P for each covisibility cluster, as hloc does (Sarlin et al., CVPR 2019).
+// Runs P3P for each covisibility cluster, as hloc does (Sarlin et al., CVPR 2019).
 class HlocEstimator final : public PoseEstimator {
  public:
   explicit HlocEstimator(const EstimatorOptions& options) : p3p_(options, P3pMethod(options)) {}
@@ -47,7 +47,8 @@ class HlocEstimator final : public PoseEstimator {
     return problem.reference_clusters;
   }
 
-  // The estimate from the cluster's matches, its inliers counted among all matches of the problem.
+  // Returns the estimate from the cluster's matches, its inliers counted among all matches of the
+  // problem.
   PoseEstimate EstimateCluster(const PoseProblem& problem, const std::vector<int>& clusters,
                                int cluster) const {
     PoseProblem part = problem;

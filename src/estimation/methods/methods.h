@@ -1,5 +1,6 @@
-// How the methods are made of one LO-RANSAC: which samplers draw, by which score poses are
-// compared, which matches optimize a new best pose locally, and which refine the last one.
+// The methods as configurations of one LO-RANSAC: the samplers that draw, the score by which poses
+// are compared, the matches that optimize a new best pose locally, and those that refine the last
+// one.
 
 #pragma once
 
@@ -39,10 +40,10 @@ RansacMethod RansacMethodOf(const EstimatorOptions& options);
 // A refined pose keeps at least this share of what RANSAC's gains over a pose that nothing fits.
 inline constexpr double kKeptGain = 0.5;
 
-// Returns the problem as these methods take it, with what repeats found.
+// Returns the problem normalized by these options, its repeats found.
 NormalizedProblem Normalize(const PoseProblem& problem, const EstimatorOptions& options, Rng& rng);
 
-// Any of those methods, from a problem to its estimate.
+// Estimates a problem's pose by any of those methods.
 class RansacEstimator final : public PoseEstimator {
  public:
   RansacEstimator(const EstimatorOptions& options, RansacMethod method)
@@ -66,7 +67,8 @@ class RansacEstimator final : public PoseEstimator {
   RefinedPose Refine(const NormalizedProblem& problem,
                      const std::optional<KeypointEvidence>& evidence, const PoseScore& pose_score,
                      const RansacReport& report, PoseEstimate& estimate) const;
-  // Fills what follows from the final pose, by the residuals in `seen`.
+  // Sets the estimate's scores, inliers, covariance and confidence at the final pose, by the
+  // residuals in `seen`.
   void Describe(const PoseProblem& problem, const NormalizedProblem& seen,
                 const RefinedPose& final_pose, double num_poses_tried,
                 const std::vector<CamFromLocal>& alternatives, PoseEstimate& estimate) const;
@@ -75,7 +77,7 @@ class RansacEstimator final : public PoseEstimator {
   void RefineAlternatives(const NormalizedProblem& problem,
                           const std::optional<KeypointEvidence>& evidence,
                           const PoseScore& pose_score, PoseEstimate& estimate) const;
-  // Optimizes a given pose locally, as RANSAC does with one that it found.
+  // Optimizes a given pose locally, and reports it as RANSAC reports its best one.
   RansacReport ReportOf(const NormalizedProblem& problem, const PoseScore& pose_score,
                         const Rigid3& cam_from_world, Solver solver) const;
   FailureReason WhyNoSample(const NormalizedProblem& problem) const;
@@ -90,7 +92,8 @@ class RansacEstimator final : public PoseEstimator {
 void SetCovariance(const Matrix6d& covariance, PoseEstimate& estimate);
 void DropCovariance(PoseEstimate& estimate);
 
-// Eq. 6: takes the P3P pose if it explains nearly as many 2D-2D matches as the E5+1 pose does.
+// Selects the P3P pose if it has more than `alpha` times the 2D-2D inliers of the E5+1 pose, which
+// is taken otherwise (Eq. 6).
 PoseEstimate SelectPose(PoseEstimate p3p, PoseEstimate e5p1, double alpha);
 std::unique_ptr<PoseEstimator> MakeSelectEstimator(const EstimatorOptions& options);
 

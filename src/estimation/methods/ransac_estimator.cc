@@ -32,11 +32,11 @@ MatchNoise Describe(const JointNoise& noise, bool references_disagree, double sc
   return described;
 }
 
-// Alternatives less likely than that are none.
+// Alternatives less likely than this are dropped.
 constexpr double kLeastAlternative = 0.01;
 
-// Whether poses differ by no more than they may err, in 99.9 % of cases; without a covariance by
-// nothing.
+// Returns whether poses are one within their covariances' sum, in 99.9 % of cases (chi-squared with
+// six degrees of freedom); without both covariances, whether they are equal.
 bool AreOne(const AlternativePose& a, const AlternativePose& b) {
   constexpr double kWithin = 22.5;
   const Vector6d step = StepBetween(a.cam_from_world, b.cam_from_world);
@@ -51,7 +51,7 @@ Matrix6d ToWorldUnits(const NormalizedProblem& problem, const Matrix6d& covarian
   return unit.asDiagonal() * covariance * unit.asDiagonal();
 }
 
-// Fills what follows from the final pose: scores, inliers, covariance.
+// Sets what follows from the final pose: scores, inliers, noise, covariance.
 void DescribePose(const NormalizedProblem& problem, const RefinedPose& final_pose,
                   PoseEstimate& estimate) {
   estimate.cam_from_world = problem.ToWorld(final_pose.pose);
@@ -84,7 +84,7 @@ void DescribePose(const NormalizedProblem& problem, const RefinedPose& final_pos
   }
 }
 
-// The samplers that a method names and the problem has something to draw for.
+// The samplers that a method names, but those for which the problem has no sample.
 class Samplers {
  public:
   Samplers(const NormalizedProblem& problem, const std::vector<RansacMethod::Draws>& wanted,
@@ -148,8 +148,9 @@ PoseEstimate WithoutPose(const PoseProblem& problem) {
   return estimate;
 }
 
-// Where few matches are right, wrong 2D-2D matches draw RANSAC's pose onto their epipolar lines; a
-// refinement by the 2D-3D matches, which made the sample, frees it from them before the joint one.
+// Returns the pose from which RANSAC's best one is refined. Where few matches are right, wrong
+// 2D-2D matches draw it onto their epipolar lines; a refinement by the 2D-3D matches, which made
+// the sample, frees it from them before the joint one.
 CamFromLocal StartOfRefinement(const RansacResult& best, const NormalizedProblem& problem,
                                MatchSets refined, Refinement refinement) {
   const bool frees = refinement == Refinement::kRobust && refined == MatchSets::kBoth &&
@@ -180,7 +181,7 @@ double NearMatches(const NormalizedProblem& problem, const CamFromLocal& pose) {
   return sum;
 }
 
-// All poses that RANSAC gives a reason to doubt the refined one by.
+// Returns RANSAC's other poses, which give reason to doubt the refined one.
 std::vector<CamFromLocal> OtherPoses(const RansacReport& report) {
   std::vector<CamFromLocal> poses = report.alternatives;
   if (!report.best_of_2d2d.empty()) poses.push_back(report.best->pose);
@@ -188,9 +189,9 @@ std::vector<CamFromLocal> OtherPoses(const RansacReport& report) {
   return poses;
 }
 
-// Two pixels of one point, each with noise, are as near as a fourth of it in one case of sixty:
-// 1 - exp(-1/64). The noise is what is known of the scene's, else what the thresholds say of it.
-// The paper's methods take each match for itself.
+// Returns the distance within which pixels show one feature: a fourth of the noise, as two noisy
+// pixels of one point are that near in one case of sixty, 1 - exp(-1/64). The noise is the scene's,
+// if known, else the thresholds'. The paper's methods take each match for itself: 0.
 double SameWithinPx(const EstimatorOptions& options) {
   if (options.refinement != Refinement::kRobust) return 0;
   const double by_thresholds_px =
@@ -253,8 +254,8 @@ PoseEstimate RansacEstimator::EstimateWithCamera(const PoseProblem& problem,
              2.0 * num_samples * static_cast<double>(samplers.solvers().size()), others, estimate);
   };
   conclude(refined);
-  // How many references of which place were retrieved decides between places that look alike; where
-  // priors speak for the other one, that is the likelier.
+  // Between places that look alike the number of references retrieved of each has decided; if the
+  // priors favor the other place, its pose is taken.
   if (!estimate.alternatives.empty()) {
     const AlternativePose other = estimate.alternatives.front();
     const bool is_of_priors =
@@ -284,8 +285,8 @@ PoseEstimate RansacEstimator::EstimateWithCamera(const PoseProblem& problem,
   return estimate;
 }
 
-// Where the 2D-2D matches alone like another pose best, the joint model's likelihood decides: it
-// knows that the depths of a reference are wrong together.
+// If the 2D-2D matches alone fit another pose best, the joint model's likelihood decides: it knows
+// that the depths of a reference are wrong together.
 //
 // The likeliest pose rarely has the best score, but one that explains far less has lost its way:
 // then RANSAC's pose is kept.
@@ -315,13 +316,13 @@ RefinedPose RansacEstimator::Refine(const NormalizedProblem& problem,
   const double nothing = pose_score.Value({{static_cast<double>(problem.num_matches_2d3d), 0},
                                            {static_cast<double>(problem.num_matches_2d2d), 0},
                                            problem.priors.WorstCost()});
-  // Where references err as wholes, the pose between them is near many matches, and fits few.
+  // A pose between references that err as wholes is near many matches, and fits few.
   const bool explains_enough =
       refined.references_disagree
           ? NearMatches(seen, refined.pose) > kKeptGain * NearMatches(problem, report.best->pose)
           : nothing - estimate.refined_value > kKeptGain * (nothing - estimate.ransac_value);
   if (!explains_enough) {
-    // How uncertain a pose is whose matches err with their references is not known.
+    // The uncertainty of a pose whose matches err with their references is not known.
     const bool references_agree = !refined.references_disagree;
     refined = KeepPose(problem, report.best->pose, sets);
     if (!references_agree) refined.covariance.reset();
@@ -448,7 +449,7 @@ FailureReason RansacEstimator::WhyNoSample(const NormalizedProblem& problem) con
   return FailureReason::kTooFewMatches;
 }
 
-// A pose that its own minimal sample alone supports, or that chance supports as well, says nothing.
+// Rejects a pose with fewer inliers than a minimal sample has matches, or that chance explains.
 void RansacEstimator::RejectUnsupported(bool e5p1_observes_position, PoseEstimate& estimate) const {
   const bool enough_2d3d = Draws(Solver::kP3p) && estimate.score_2d3d.num_inliers >= 3;
   const bool enough_2d2d = (Draws(Solver::kE5p1) || Draws(Solver::kD3p1)) &&

@@ -2,7 +2,8 @@
 
 namespace raylift {
 
-// LO-RANSAC on the 2D-3D matches. Two of them are enough where the position or gravity is known.
+// Returns LO-RANSAC on the 2D-3D matches. Two of them are enough where the position or gravity is
+// known.
 RansacMethod P3pMethod(const EstimatorOptions& options) {
   return {.samplers = {{Solver::kP3p, MatchSets::k2D3D},
                        {Solver::kKnownCenter, MatchSets::k2D3D},
@@ -11,8 +12,8 @@ RansacMethod P3pMethod(const EstimatorOptions& options) {
           .score = options.score};
 }
 
-// LO-RANSAC on the 2D-2D matches: five to one reference, and a sixth to another for the length of
-// the translation.
+// Returns LO-RANSAC on the 2D-2D matches: five to one reference, and a sixth to another for the
+// length of the translation.
 RansacMethod E5p1Method(const EstimatorOptions& options) {
   return {.samplers = {{Solver::kE5p1, MatchSets::k2D2D}},
           .scored = MatchSets::k2D2D,
@@ -21,8 +22,8 @@ RansacMethod E5p1Method(const EstimatorOptions& options) {
 
 namespace {
 
-// LO-RANSAC on the 2D-2D matches, drawing three lifted ones of a reference whose depths may have
-// any scale, and a fourth of another reference for the length of the translation. The joint
+// Returns LO-RANSAC on the 2D-2D matches, drawing three lifted ones of a reference whose depths may
+// have any scale, and a fourth of another reference for the length of the translation. The joint
 // refinement then uses the depths, too, as it estimates what they are worth.
 RansacMethod D3p1Method(const EstimatorOptions& options) {
   return {.samplers = {{Solver::kD3p1, MatchSets::k2D2D}},
@@ -31,9 +32,9 @@ RansacMethod D3p1Method(const EstimatorOptions& options) {
           .refined = UsesSceneNoise(options) ? MatchSets::kBoth : MatchSets::k2D2D};
 }
 
-// Sec. 3 of the paper: in every iteration P3P and E5+1 draw one sample each, all poses are scored
-// on both match sets (Eqs. 1 to 5), and a new best is optimized locally: over both sets (hybrid),
-// or over the set that it was drawn from (split).
+// Returns the method of Sec. 3 of the paper: in every iteration P3P and E5+1 draw one sample each,
+// all poses are scored on both match sets (Eqs. 1 to 5), and a new best is optimized locally: over
+// both sets (hybrid), or over the set that it was drawn from (split).
 //
 // Beyond the paper, two 2D-3D matches are drawn as well where the position or gravity is known, and
 // D3+1 draws where the joint refinement can use its poses.
@@ -52,8 +53,8 @@ RansacMethod AdaptiveMethod(const EstimatorOptions& options) {
   return method;
 }
 
-// Camposeco et al. (CVPR 2018): each iteration first draws which solver, poses are compared by the
-// sum of inliers and optimized on the 2D-3D matches.
+// Returns the method of Camposeco et al. (CVPR 2018): each iteration first draws the solver, poses
+// are compared by the sum of inliers and optimized on the 2D-3D matches.
 RansacMethod HybridRansacMethod() {
   return {.samplers = {{Solver::kP3p, MatchSets::k2D3D},
                        {Solver::kKnownCenter, MatchSets::k2D3D},

@@ -3,7 +3,7 @@
 namespace raylift {
 namespace {
 
-// P3P and E5+1 apart, then one of the two poses.
+// Runs P3P and E5+1 apart, and selects one of the two poses.
 class SelectEstimator final : public PoseEstimator {
  public:
   explicit SelectEstimator(const EstimatorOptions& options)

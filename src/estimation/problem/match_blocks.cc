@@ -1,4 +1,4 @@
-// Matches as the kernels take them, and their exact residuals.
+// Lays matches out for the kernels, and computes their exact residuals.
 
 #include <cstring>
 
@@ -8,7 +8,7 @@
 namespace raylift {
 namespace {
 
-// How many blocks some matches fill, each with those of one `group`.
+// Returns how many blocks the selected matches fill, each with matches of one `group`.
 template <typename Match>
 size_t CountBlocks(const std::vector<Match>& matches, int Match::*group,
                    const std::vector<int>& selection, int lanes) {

@@ -22,8 +22,8 @@ struct Frame {
   double scale = 1;
 };
 
-// Centered on the references that have matches and scaled by their spread; where they share one
-// center (or there are none) by the median distance of the 3D points.
+// Returns a frame centered on the references that have matches and scaled by their spread; where
+// they share one center (or there are none) by the median distance of the 3D points.
 Frame ChooseFrame(const PoseProblem& problem) {
   std::vector<bool> used(problem.references.size(), false);
   for (const Match2D2D& match : problem.matches_2d2d) {
@@ -46,7 +46,7 @@ Frame ChooseFrame(const PoseProblem& problem) {
   }
   Frame frame;
   if (!centers.empty()) {
-    // Differences to the first center, as sums of large coordinates would lose digits.
+    // The sum is of differences to the first center, as large coordinates would lose digits.
     Vector3d sum = Vector3d::Zero();
     for (const Vector3d& c : centers) sum += c - centers[0];
     frame.origin = centers[0] + sum / static_cast<double>(centers.size());
@@ -62,7 +62,7 @@ Frame ChooseFrame(const PoseProblem& problem) {
     }
     frame.scale = 0;
   }
-  // A variance_at_unit_depth at the level of the coordinates' rounding is none.
+  // A spread at the level of the coordinates' rounding is none.
   const double rounding = 1e-10 * frame.origin.norm();
   if (!(frame.scale > rounding) && !points.empty()) {
     std::vector<double> distances;
@@ -138,7 +138,7 @@ std::optional<NormalizedMatch2D2D> Normalize2D2D(const PoseProblem& problem, con
   return pair;
 }
 
-// From a camera's own axes to those of the query's own camera.
+// Turns a match from a camera's own axes to those of the query's own camera.
 void TurnToQueryAxes(const Matrix3d& cam_from_query, NormalizedMatch2D3D& point) {
   point.ray = cam_from_query.transpose() * point.ray;
   point.image_from_ray = point.image_from_ray * cam_from_query;
@@ -154,7 +154,7 @@ std::vector<int> AllIndices(size_t count) {
   return indices;
 }
 
-// A random order of `count` things.
+// Returns the indices below `count` in random order.
 std::vector<int> RandomOrder(size_t count, Rng& rng) {
   std::vector<int> order = AllIndices(count);
   for (size_t i = count; i > 1; --i) {
@@ -172,8 +172,8 @@ std::vector<int> Joined(const std::vector<std::vector<int>>& groups, size_t coun
   return joined;
 }
 
-// The 2D-2D matches grouped by reference and camera, in random order within a group; without those
-// of a reference or a camera that does not exist.
+// Returns the 2D-2D matches' indices grouped by reference and camera, in random order within a
+// group; without those of a reference or a camera that does not exist.
 std::vector<int> RandomOrderByCameraReference(const PoseProblem& problem, Rng& rng) {
   const auto num_cameras = static_cast<size_t>(problem.num_cameras());
   std::vector<std::vector<int>> by_camera_reference(problem.references.size() * num_cameras);
@@ -189,7 +189,7 @@ std::vector<int> RandomOrderByCameraReference(const PoseProblem& problem, Rng& r
   return Joined(by_camera_reference, problem.matches_2d2d.size());
 }
 
-// The 2D-3D matches grouped by camera, as those.
+// Returns the 2D-3D matches' indices grouped by camera, in the same way.
 std::vector<int> RandomOrderByCamera(const PoseProblem& problem, Rng& rng) {
   std::vector<std::vector<int>> by_camera(static_cast<size_t>(problem.num_cameras()));
   for (const int i : RandomOrder(problem.matches_2d3d.size(), rng)) {
@@ -199,7 +199,7 @@ std::vector<int> RandomOrderByCamera(const PoseProblem& problem, Rng& rng) {
   return Joined(by_camera, problem.matches_2d3d.size());
 }
 
-// Counts the matches that repeat none.
+// Counts the matches that repeat no other one.
 int CountFirst(const std::vector<size_t>& repeats) {
   int count = 0;
   for (size_t i = 0; i < repeats.size(); ++i) count += repeats[i] == i ? 1 : 0;
@@ -275,7 +275,7 @@ NormalizedProblem::NormalizedProblem(const PoseProblem& problem, double threshol
     blocks_2d3d = std::move(by_camera.blocks);
     block_camera_2d3d = std::move(by_camera.block_camera);
   } else {
-    // So that a prefix of the blocks sees all cameras.
+    // The order is random, so that a prefix of the blocks sees all cameras.
     for (const int i : RandomOrder(by_camera.blocks.size(), rng)) {
       blocks_2d3d.push_back(by_camera.blocks[i]);
       block_camera_2d3d.push_back(by_camera.block_camera[i]);
@@ -285,7 +285,7 @@ NormalizedProblem::NormalizedProblem(const PoseProblem& problem, double threshol
   const Blocks2D2D<float> grouped =
       MakeBlocks2D2D<float>(matches_2d2d, AllIndices(matches_2d2d.size()));
   blocks_2d2d.reserve(grouped.blocks.size());
-  // So that a prefix of the blocks sees all references.
+  // The order is random, so that a prefix of the blocks sees all references.
   for (const int i : RandomOrder(grouped.blocks.size(), rng)) {
     blocks_2d2d.push_back(grouped.blocks[i]);
     block_camera_reference_2d2d.push_back(grouped.block_camera_reference[i]);

@@ -27,7 +27,7 @@
 
 namespace raylift {
 
-// The standard deviation of an uncertain reference's pixel over that of a certain one's.
+// Returns the standard deviation of an uncertain reference's pixel over that of a certain one's.
 inline double ReferenceSigmaFactor(double reference_sigma_px, double threshold_px) {
   return std::hypot(1, kSigmasOfThreshold * reference_sigma_px / threshold_px);
 }
@@ -36,7 +36,7 @@ struct NormalizedMatch2D3D {
   Eigen::Vector3d ray;             // unit, axes of the query's own camera
   Eigen::Matrix3d image_from_ray;  // PixelFrame's, its pixel rows over the threshold
   Eigen::Vector3d point;           // local frame
-  double sigma;                    // standard deviation that is known of it, local units
+  double sigma;                    // standard deviation of the point, local units
   double variance_at_unit_depth;   // see kernels::Block2D3D
   int match;                       // index into PoseProblem::matches_2d3d
   int camera = 0;                  // of the query's
@@ -66,29 +66,30 @@ struct MatchGroup {
   int size() const { return end - begin; }
 };
 
-// Returns how what a camera sees at a pixel moves with the focal length's logarithm; a panorama has
-// none.
+// Returns the derivative of what a camera sees at a pixel by the focal length's logarithm, px; zero
+// for a panorama, which has no focal length.
 inline Eigen::Vector2d PxByLogFocal(const Camera& camera, const Eigen::Vector2d& pixel) {
   if (camera.is_panorama()) return Eigen::Vector2d::Zero();
   return pixel - camera.principal_point_px();
 }
 
-// What is not known of the query's focal length, of which all of its cameras have the same share.
+// The uncertainty of the query's focal length, by the same share for all of its cameras.
 struct FocalUncertainty {
   double sigma = 0;  // of its logarithm; 0: it is exact, and the lists are empty
-  // How the pixels of the matches in use move with that logarithm.
+  // Derivatives of the pixels of the matches in use by that logarithm (PxByLogFocal()).
   std::vector<Eigen::Vector2d> px_2d3d, px_2d2d;
 };
 
-// Fills blocks with some of the matches, in the given order; unused lanes are zero.
+// Blocks of selected matches, in the given order; unused lanes are zero.
 template <typename T>
 struct Blocks2D3D {
   std::vector<kernels::Block2D3D<T>> blocks;
   std::vector<int> block_camera;
-  // The point in each lane, -1 for an unused one.
+  // Index of the point in each lane, -1 for an unused one.
   std::vector<int> lane_match;
 };
-// `selection` must list the points of a camera next to each other.
+// Fills blocks with the selected points. `selection` must list the points of a camera next to each
+// other.
 template <typename T>
 Blocks2D3D<T> MakeBlocks2D3D(const std::vector<NormalizedMatch2D3D>& points,
                              const std::vector<int>& selection);
@@ -99,7 +100,8 @@ struct Blocks2D2D {
   std::vector<int> block_camera_reference;
   std::vector<int> lane_match;  // as of the points
 };
-// `selection` must list the matches of a camera-reference pair next to each other.
+// Fills blocks with the selected matches. `selection` must list the matches of a camera-reference
+// pair next to each other.
 template <typename T>
 Blocks2D2D<T> MakeBlocks2D2D(const std::vector<NormalizedMatch2D2D>& pairs,
                              const std::vector<int>& selection);
@@ -142,9 +144,10 @@ struct NormalizedProblem {
   Blocks2D3D<double> exact_2d3d;
   Blocks2D2D<double> exact_2d2d;
 
-  // Takes the query's focal length, of which this problem was made, for uncertain.
+  // Makes the query's focal length uncertain, its logarithm by this standard deviation. `original`
+  // is the problem that this one was made of.
   void TakeFocalSigma(const PoseProblem& original, double sigma);
-  // Makes the matches those that a focal length longer by this share shows, which must be
+  // Changes the matches to what a focal length longer by this share shows. The focal length must be
   // uncertain. The blocks are then in the order of the matches.
   void TakeFocalError(double share);
 
@@ -168,15 +171,15 @@ struct NormalizedProblem {
   void FillExactBlocks();
 };
 
-// A pose as the kernels take it, and for each camera-reference pair the reference's center from the
-// camera's.
+// ToKernelPose() returns a pose as the kernels take it, CentersInCam() for each camera-reference
+// pair the reference's center from the camera's, in the query's axes.
 template <typename T>
 kernels::KernelPose<T> ToKernelPose(const CamFromLocal& pose);
 template <typename T>
 std::vector<T> CentersInCam(const NormalizedProblem& problem, const CamFromLocal& pose);
 
-// Hands the runs of blocks that are of one camera to `use(camera, begin, count)`. `camera_of` says
-// which camera block i is of.
+// Calls use(camera, begin, count) for each run of blocks that are of one camera. `camera_of(i)` is
+// the camera of block i.
 template <typename CameraOf, typename Use>
 void ForEachCamera(int begin, int count, const CameraOf& camera_of, const Use& use) {
   for (int i = begin; i < begin + count;) {
@@ -188,16 +191,16 @@ void ForEachCamera(int begin, int count, const CameraOf& camera_of, const Use& u
   }
 }
 
-// Which of the two match sets take part.
+// The match sets that take part.
 enum class MatchSets { k2D3D, k2D2D, kBoth };
 constexpr bool Has2D3D(MatchSets sets) { return sets != MatchSets::k2D2D; }
 constexpr bool Has2D2D(MatchSets sets) { return sets != MatchSets::k2D3D; }
 
-// Squared residuals below this are near enough to a pose for their matches to become inliers in a
-// few steps: three thresholds.
+// Matches with a smaller squared residual than this, three thresholds, may become inliers in a few
+// steps of the pose.
 inline constexpr double kNearSquared = 9;
 
-// The squared residual, over the squared threshold, of every match of some sets (the others' lists
+// The squared residual over the squared threshold of every match of some sets (the others' lists
 // stay empty), in double precision; infinite where a match lies behind a camera.
 struct Residuals {
   std::vector<double> of_2d3d;

@@ -10,7 +10,7 @@
 namespace raylift {
 namespace {
 
-// The lifted point lies on the ray of the pixel that it was lifted from, but for rounding.
+// A lifted point lies on the ray of its pixel but for rounding: within so many pixels.
 constexpr double kOnRayPx = 0.02;
 
 Eigen::Matrix3d ImageFromRay(const Eigen::Vector3d& ray,
@@ -20,7 +20,7 @@ Eigen::Matrix3d ImageFromRay(const Eigen::Vector3d& ray,
   return ray_from_image.inverse();
 }
 
-// The evidence being gathered, keypoint by keypoint.
+// Gathers the evidence, keypoint by keypoint.
 class Gathering {
  public:
   Gathering(const PoseProblem& original, const NormalizedProblem& problem)
@@ -41,13 +41,13 @@ class Gathering {
     for (const int i : of_2d2d) Observe(problem_.matches_2d2d[i], keypoint.first_observation);
     keypoint.end_observation = static_cast<int>(evidence_.observations.size());
     keypoint.first_unanchored = static_cast<int>(evidence_.unanchored.size());
-    // In the order of the matches: of several points on one ray the first is taken.
+    // Points are added in the order of the matches: of several on one ray the first is taken.
     std::sort(of_2d3d.begin(), of_2d3d.end(), [&](int a, int b) {
       return problem_.matches_2d3d[a].match < problem_.matches_2d3d[b].match;
     });
     for (auto i = of_2d3d.begin(); i != of_2d3d.end(); ++i) {
       const NormalizedMatch2D3D& match = problem_.matches_2d3d[*i];
-      // A 3D point that several references have is one.
+      // A 3D point that several references have counts once.
       const bool is_known = std::any_of(of_2d3d.begin(), i, [&](int other) {
         return problem_.matches_2d3d[other].point == match.point;
       });
@@ -176,8 +176,9 @@ struct Scatter {
     sum += pixel;
     squares += pixel * pixel.transpose();
   }
-  // The area of the rectangle in which uniform pixels would have this covariance: a side has twelve
-  // times its square's variance. None is shorter than a keypoint is wide.
+  // Returns the area of the rectangle in which uniform pixels would have this covariance: the
+  // square of a side is twelve times the variance along it. No side is shorter than a keypoint is
+  // wide.
   double Area() const {
     constexpr double kLeastSidePx = 10;
     if (count < 2) return kLeastSidePx * kLeastSidePx;

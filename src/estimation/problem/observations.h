@@ -1,5 +1,5 @@
-// All that is known of each query keypoint, together: where references show it, how deep the
-// geometry has it there, and 3D points that come from elsewhere.
+// The evidence of each query keypoint, gathered: where references show it, how deep the geometry
+// has it there, and 3D points that come from elsewhere.
 
 #pragma once
 
@@ -15,7 +15,8 @@
 
 namespace raylift {
 
-// A reference shows the keypoint (a 2D-2D match), and the geometry may say how far away.
+// An observation of a keypoint in a reference (a 2D-2D match), and its distance if the geometry has
+// one.
 struct Observation {
   // n = image_from_ray (P - center), P in the local frame: the residual n.xy / n.z is in pixels.
   Eigen::Matrix3d image_from_ray;
@@ -28,7 +29,7 @@ struct Observation {
   bool has_depth;
 };
 
-// Whether a reference shows a point within some pixels of where its observation is.
+// Returns whether a reference shows a point within `within_px` of where its observation is.
 inline bool IsShownBy(const Observation& observation, const Eigen::Vector3d& point,
                       double within_px) {
   const Eigen::Vector3d n = observation.image_from_ray * (point - observation.center);
@@ -41,7 +42,7 @@ struct UnanchoredPoint {
   double variance;        // that the match carries, local units squared
 };
 
-// Each of the query's images in 4 x 4 parts.
+// Each of the query's images is divided into 4 x 4 cells.
 inline constexpr int kImageCellsPerSide = 4;
 
 // One keypoint; its parts are ranges of KeypointEvidence's lists.
@@ -49,13 +50,13 @@ struct KeypointObservations {
   Eigen::Matrix3d image_from_cam;  // pixels, as an observation's; axes of the query's own camera
   Eigen::Vector3d camera_center;   // of the camera that it is seen by, from the query's own
   int camera;
-  Eigen::Vector2d px_by_log_focal;  // how what it sees moves with the focal length's logarithm
+  Eigen::Vector2d px_by_log_focal;  // of its pixel by the focal length's logarithm
   int image_cell;                   // of the query's, below KeypointEvidence::num_image_cells
   int first_observation, end_observation;
   int first_unanchored, end_unanchored;
 
-  // The center of the camera that it is seen by, and a point in that camera, at a pose of the
-  // query.
+  // Return the center of the camera that the keypoint is seen by, and a point in that camera (the
+  // query's axes), at a pose of the query.
   Eigen::Vector3d CenterOfCamera(const CamFromLocal& pose) const {
     return pose.rotation.transpose() * (camera_center - pose.translation);
   }
@@ -94,10 +95,11 @@ double LearnedDepthSigma(const PoseProblem& original, const NormalizedMatch2D3D&
 
 KeypointEvidence GatherEvidence(const PoseProblem& original, const NormalizedProblem& problem);
 
-// An image in n x n equal parts, to tell what lies together from what is spread over it; the images
-// of a rig, one after the other.
+// Cells are the n x n equal parts of an image, to tell what lies together from what is spread over
+// it; those of a rig's images are numbered one image after the other.
 
-// Below cells_per_side^2, row by row; pixels outside of the image are in the nearest part.
+// Returns a pixel's cell, below cells_per_side^2, row by row; pixels outside of the image are in
+// the nearest cell.
 inline int ImageCell(const Camera& camera, const Eigen::Vector2d& pixel, int cells_per_side) {
   const auto along = [&](double at, int size) {
     return static_cast<int>(std::clamp(at / size * cells_per_side, 0.0, cells_per_side - 1.0));

@@ -17,24 +17,25 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// How often a prior says nothing.
+// The probability that a prior is wrong, and says nothing.
 constexpr double kWrong = 0.05;
 
-// Where nothing is known, the position is within so many times the furthest reference's distance
-// from the references' middle, at least of so many local units.
+// Without a prior, the position is within so many times the furthest reference's distance from the
+// references' middle, which counts as one local unit at least.
 constexpr double kReach = 3;
 
-// A heading says something where right in the image points along the ground by so much.
+// A heading says nothing where the image's right has a smaller horizontal part than this.
 constexpr double kLeastHorizontal = 0.2;
 
 // A range says nothing of a pose that sees the surface more edge-on than this cosine.
 constexpr double kLeastCosine = 0.02;
 
-// A prior that is said to be exact is exact to so much of a local unit, or radian.
+// The least standard deviation, local units or radians, as of a prior that is said to be exact.
 constexpr double kExact = 1e-6;
 
-// The logarithms of the two parts of the mixture, over the density of knowing nothing: of a density
-// that a right prior gives, and of a prior that says nothing.
+// LogRight() returns log((1 - kWrong) d), a right prior's part of the mixture, and LogMixture()
+// log((1 - kWrong) d + kWrong), the whole; d is the right prior's density over that of knowing
+// nothing.
 double LogRight(double log_density) { return std::log(1 - kWrong) + log_density; }
 double LogMixture(double log_density) {
   const double a = LogRight(log_density);
@@ -88,7 +89,7 @@ NormalizedPriors::NormalizedPriors(const PosePriors& priors, const Vector3d& ori
     gravity_ = {.down_in_cam = Direction(prior.down_in_cam, "gravity", "down_in_cam"),
                 .down_in_local = Direction(prior.down_in_world, "gravity", "down_in_world"),
                 .sigma = AngleSigma(prior.sigma_deg, "gravity")};
-    // A normal distribution about the direction over a uniform one on the sphere.
+    // The density is normal about the direction, over the uniform one on the sphere.
     gravity_log_peak_ = std::log(2 / (gravity_->sigma * gravity_->sigma));
   }
   if (priors.heading) {
@@ -100,7 +101,7 @@ NormalizedPriors::NormalizedPriors(const PosePriors& priors, const Vector3d& ori
                 .right_in_local = down.cross(ahead),
                 .ahead_in_local = ahead,
                 .sigma = AngleSigma(prior.sigma_deg, "heading")};
-    // Over any angle of the circle.
+    // The density is over the uniform one on the circle.
     heading_log_peak_ = 0.5 * std::log(2 * std::numbers::pi) - std::log(heading_->sigma);
   }
   if (priors.orientation) {
@@ -110,7 +111,8 @@ NormalizedPriors::NormalizedPriors(const PosePriors& priors, const Vector3d& ori
     }
     orientation_ = {.cam_from_local = prior.cam_from_world.toRotationMatrix(),
                     .sigma = AngleSigma(prior.sigma_deg, "orientation")};
-    // Over all rotations, whose volume in angles about the axes is 8 pi^2.
+    // The density is over the uniform one of rotations, whose volume in angles about the axes is 8
+    // pi^2.
     orientation_log_peak_ = std::log(8 * std::numbers::pi * std::numbers::pi) -
                             1.5 * std::log(2 * std::numbers::pi) -
                             3 * std::log(orientation_->sigma);
@@ -127,7 +129,7 @@ NormalizedPriors::NormalizedPriors(const PosePriors& priors, const Vector3d& ori
               .normal = Direction(prior.plane->normal, "range", "normal"),
               .range = prior.range / scale,
               .sigma = std::max(sigma / scale, kExact)};
-    // Over any range within reach.
+    // The density is over the uniform one of ranges within reach.
     range_log_peak_ = std::log(kReach * furthest) - 0.5 * std::log(2 * std::numbers::pi) -
                       std::log(range_->sigma);
   }
@@ -141,7 +143,7 @@ double NormalizedPriors::Term::Probability() const {
   return std::exp(LogRight(LogDensity(residual, log_peak)) - LogEvidence());
 }
 
-// The residual r has the covariance S = I + J C J' then.
+// Averages over the pose's uncertainty, with which the residual r has the covariance I + J C J'.
 double NormalizedPriors::Term::Probability(const Matrix6d& covariance) const {
   const Matrix3d spread = Matrix3d::Identity() + jacobian * covariance * jacobian.transpose();
   const double log_density = log_peak - 0.5 * std::log(spread.determinant()) -
@@ -176,7 +178,7 @@ std::optional<NormalizedPriors::Term> NormalizedPriors::GravityTerm(
   return term;
 }
 
-// The angle about the vertical from where right was said to be to where it is.
+// The residual is the angle about the vertical from where right was said to be to where it is.
 std::optional<NormalizedPriors::Term> NormalizedPriors::HeadingTerm(
     const CamFromLocal& pose) const {
   if (!heading_) return std::nullopt;
@@ -195,7 +197,7 @@ std::optional<NormalizedPriors::Term> NormalizedPriors::HeadingTerm(
   return term;
 }
 
-// Twice the vector of the quaternion that is left: 2 sin(angle / 2) about its axis.
+// The residual is twice the vector of the quaternion that is left: 2 sin(angle / 2) about its axis.
 std::optional<NormalizedPriors::Term> NormalizedPriors::OrientationTerm(
     const CamFromLocal& pose) const {
   if (!orientation_) return std::nullopt;
@@ -207,8 +209,8 @@ std::optional<NormalizedPriors::Term> NormalizedPriors::OrientationTerm(
   return term;
 }
 
-// The range r = n . (p - c) / (n . a) to the plane through p with the normal n, from the center c
-// along the optical axis a.
+// The residual is that of the range r = n . (p - c) / (n . a) to the plane through p with the
+// normal n, from the center c along the optical axis a.
 std::optional<NormalizedPriors::Term> NormalizedPriors::RangeTerm(const CamFromLocal& pose) const {
   if (!range_) return std::nullopt;
   const Vector3d normal_in_cam = pose.rotation * range_->normal;

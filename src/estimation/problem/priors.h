@@ -18,7 +18,7 @@
 
 namespace raylift {
 
-// In the local frame of a NormalizedProblem.
+// The priors of a pose, in the local frame of a NormalizedProblem.
 class NormalizedPriors {
  public:
   NormalizedPriors() = default;
@@ -39,24 +39,25 @@ class NormalizedPriors {
   const std::optional<Gravity>& gravity() const { return gravity_; }
   bool empty() const { return !position_ && !gravity_ && !heading_ && !orientation_ && !range_; }
 
-  // The probabilities that the position's and gravity's priors are right, at a pose; 0 without one.
+  // Return the probability that the position's or gravity's prior is right at a pose; 0 without
+  // one.
   double ProbabilityOfPosition(const CamFromLocal& pose) const;
   double ProbabilityOfGravity(const CamFromLocal& pose) const;
 
-  // The logarithm of how much likelier a pose is than without priors. A range is of the surface
+  // Returns the logarithm of how much likelier the priors make a pose. A range is of the surface
   // that the pose itself chose: one that fits says nothing for it, another speaks against it.
   double LogEvidence(const CamFromLocal& pose) const;
 
-  // How much a pose's evidence falls short of the greatest, in the unit of a match's squared
-  // residual over its squared threshold; at most WorstCost().
+  // Returns how much a pose's evidence falls short of the greatest, in the unit of a match's
+  // squared residual over its squared threshold; at most WorstCost().
   double Cost(const CamFromLocal& pose) const;
   double WorstCost() const;
 
-  // Adds what pulls at the pose by a step (w, v) in the camera's tangent frame, with a residual's
-  // square over its variance as its cost.
+  // Adds the priors to the normal equations of a step (w, v) in the camera's tangent frame; their
+  // cost is in squared residuals over variances.
   void AddTo(const CamFromLocal& pose, double weight, NormalEquations& equations) const;
-  // The same of a pose that is as uncertain as this covariance of a step says, as where the lens is
-  // found with it: a prior is not wrong that the pose may yet come to. Without the cost.
+  // Adds them, without their cost, for a pose with this covariance of a step, as where the lens is
+  // found with it: a prior is not wrong that the pose may yet come to.
   void AddTo(const CamFromLocal& pose, const Matrix6d& covariance,
              NormalEquations& equations) const;
 
@@ -77,7 +78,7 @@ class NormalizedPriors {
     double sigma;
   };
 
-  // One kind of knowledge at a pose.
+  // One prior's residual at a pose.
   struct Term {
     Eigen::Vector3d residual;  // over its standard deviations
     double log_peak;  // the logarithm of the density at its greatest, over that of knowing nothing
@@ -88,7 +89,7 @@ class NormalizedPriors {
     double Probability(const Matrix6d& covariance) const;
     double Shortfall() const;  // of the evidence from its greatest
 
-    // Adds what pulls at the pose, without its cost.
+    // Adds the residual to the normal equations, without its cost.
     void AddPull(double weight, NormalEquations& equations) const;
   };
   std::optional<Term> PositionTerm(const CamFromLocal& pose) const;
@@ -97,8 +98,8 @@ class NormalizedPriors {
   std::optional<Term> OrientationTerm(const CamFromLocal& pose) const;
   std::optional<Term> RangeTerm(const CamFromLocal& pose) const;
   std::array<std::optional<Term>, 5> Terms(const CamFromLocal& pose) const;
-  // What it costs that a heading or a range says nothing of a pose: as where none is known, which
-  // is short of a right one.
+  // Returns the shortfall of a heading or a range that says nothing of a pose: that of no prior
+  // from a right one.
   double Silence(const CamFromLocal& pose) const;
 
   std::optional<Position> position_;

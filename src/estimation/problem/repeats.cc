@@ -16,7 +16,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-// What may coincide with others of its group.
+// An item, by its index, that may coincide with others of its group.
 struct Member {
   uint64_t group;
   size_t index;
@@ -25,8 +25,8 @@ struct Member {
   }
 };
 
-// Lets those of one group coincide that lie no farther apart than `within(index)`, at `at(index)`:
-// same[index] becomes another one's index. What is not finite coincides with nothing. They are only
+// Sets same[i] to another member's index for members of a group that lie, at `at(i)`, no farther
+// from that one than `within` of it. What is not finite coincides with nothing. Members are first
 // compared along a direction that neither rows nor columns of pixels are normal to.
 template <typename At, typename Within>
 void CompareInGroup(std::span<const Member> group, const At& at, const Within& within,
@@ -73,7 +73,7 @@ std::vector<size_t> Coinciding(std::vector<Member> members, size_t count, const 
 
 Vector3d AtPixel(const Eigen::Vector2d& pixel) { return {pixel.x(), pixel.y(), 0}; }
 
-// Numbers the keypoints that coincide by one of them.
+// Gives keypoints that coincide the number of one of them.
 void Unite(const PoseProblem& problem, double within_px, KeypointNumbers& keypoints) {
   std::vector<Member> members;
   std::vector<const Eigen::Vector2d*> pixels(keypoints.count, nullptr);
@@ -93,8 +93,9 @@ void Unite(const PoseProblem& problem, double within_px, KeypointNumbers& keypoi
   for (size_t& keypoint : keypoints.of_2d3d) keypoint = first[keypoint];
 }
 
-// Lets the points of a pair that repeats another one repeat that one's: a point is on its own pair's
-// ray, so that it stays only with that. Of pairs that repeat each other one that has a point is kept.
+// Makes the points of a pair that repeats another one repeat that one's: a point is on its own
+// pair's ray, so that it stays only with that. Of pairs that repeat each other one that has a point
+// is kept.
 void RepeatAsPairs(const std::vector<std::optional<size_t>>& pair_of, Repeats& repeats) {
   constexpr size_t kNone = std::numeric_limits<size_t>::max();
   std::vector<size_t> kept_point(repeats.of_2d2d.size(), kNone);

@@ -1,6 +1,6 @@
-// The same feature again: detectors find some twice, a fraction of a pixel apart, and matches come
-// in repeated rows. Keypoints that coincide are one, with one error, and a match that repeats
-// another one says nothing new.
+// Repeated features: detectors find some twice, a fraction of a pixel apart, and matches come in
+// repeated rows. Keypoints that coincide are one, with one error, and a match that repeats another
+// one says nothing new.
 
 #pragma once
 
@@ -16,9 +16,9 @@
 namespace raylift {
 
 struct Repeats {
-  KeypointNumbers keypoints;  // of which those that coincide are one
-  // Of each match the one that it repeats, or itself: both are of one keypoint and one reference,
-  // and show or are the same there.
+  KeypointNumbers keypoints;  // those that coincide have one number
+  // For each match the index of the one that it repeats, or its own: both are of one keypoint and
+  // one reference, and their pixels or points there coincide.
   std::vector<size_t> of_2d2d, of_2d3d;
 };
 
@@ -30,10 +30,11 @@ std::optional<size_t> PairOf(const PoseProblem& problem, size_t match_2d3d);
 // of the problem's.
 std::optional<size_t> ReferenceOf(const PoseProblem& problem, size_t match_2d3d);
 
-// Pixels that are no farther apart than `within_px` coincide; 0: none does, and no match repeats
-// another one. The points of a pair that repeats another one repeat that one's. Points of no pair
-// coincide by their 3D distance, which may be what those pixels span at its distance from `from`
-// (world), about where the cameras are; without any pairs nothing tells where that is.
+// Finds the repeats of a problem. Pixels that are no farther apart than `within_px` coincide; 0:
+// none does, and no match repeats another one. The points of a pair that repeats another one repeat
+// that one's. Points of no pair coincide by their 3D distance, which may be what those pixels span
+// at its distance from `from` (world), about where the cameras are; without any pairs nothing tells
+// where that is.
 Repeats FindRepeats(const PoseProblem& problem, double within_px, const Eigen::Vector3d& from);
 
 }  // namespace raylift

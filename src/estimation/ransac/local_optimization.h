@@ -1,4 +1,4 @@
-// Local optimization inside RANSAC (the LO of LO-RANSAC): which poses, and how.
+// Local optimization of poses inside RANSAC (the LO of LO-RANSAC).
 
 #pragma once
 
@@ -8,17 +8,18 @@
 
 namespace raylift {
 
-// How many matches take part.
+// The share of the matches that takes part in a local optimization.
 enum class OptimizedMatches {
   kEnough,  // a random part of each set, which stands for all of it
   kAll,
 };
 
-// Which samples' poses are optimized.
+// The choice of the samples whose poses are optimized.
 struct OptimizationPolicy {
-  // The first samples are soon beaten by others: not worth optimizing.
+  // The first iteration after which poses are optimized: earlier samples are soon beaten by others.
   int first_iteration;
-  // So many samples that come near the best one, without beating it, are optimized as well.
+  // The number of samples that are optimized although they come near the best one without beating
+  // it.
   int max_near_best;
   OptimizedMatches matches;
 };

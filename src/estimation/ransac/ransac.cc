@@ -10,10 +10,11 @@
 namespace raylift {
 namespace {
 
-// A sample comes near the best one if it gains so much of what that gains over no fit at all.
+// A sample comes near the best one if its gain over no fit at all is at least this share of the
+// best one's.
 constexpr double kNearBestGain = 0.85;
 
-// Alternatives of the best pose explain so much of what that explains.
+// At most so many alternatives are kept, each with at least this share of the best pose's gain.
 constexpr size_t kMaxAlternatives = 3;
 constexpr double kAlternativeGain = 0.5;
 
@@ -27,7 +28,7 @@ double SamplesForConfidence(double success_probability, double confidence) {
   return std::log(1 - confidence) / std::log1p(-success_probability);
 }
 
-// A solver and how far it has got.
+// A solver, the samples that it has drawn, and how many it requires.
 struct SolverProgress {
   RansacSolver solver;
   int samples = 0;
@@ -37,8 +38,8 @@ struct SolverProgress {
   bool Done() const { return samples >= required; }
 };
 
-// What depths say that are wrong together may outvote the 2D-2D matches: of the poses that E5+1 and
-// D3+1 make, those that the 2D-2D matches alone like best are kept.
+// Keeps the poses of E5+1 and of D3+1 that score best on the 2D-2D matches alone, which depths that
+// are wrong together may outvote.
 class BestOf2D2D {
  public:
   BestOf2D2D(const NormalizedProblem& problem, OptimizedMatches matches)
@@ -50,7 +51,7 @@ class BestOf2D2D {
   BestOf2D2D(const BestOf2D2D&) = delete;
   BestOf2D2D& operator=(const BestOf2D2D&) = delete;
 
-  // Scorer::ExpectClusters().
+  // Does what Scorer::ExpectClusters() does.
   void ExpectClusters(double clustering_2d2d) { scorer_.ExpectClusters(clustering_2d2d); }
 
   void Consider(const RansacResult& hypothesis) {
@@ -64,7 +65,7 @@ class BestOf2D2D {
   }
 
   // Returns them, locally optimized, where they are other answers than the best pose and leave it
-  // in doubt. `scorer` scores that.
+  // in doubt. `scorer` scores both.
   std::vector<RansacResult> ApartFrom(const RansacResult& best, const Scorer& scorer) const {
     std::vector<RansacResult> others;
     const SetScores of_best = scorer.ScoreAll(best.pose);
@@ -90,9 +91,10 @@ class BestOf2D2D {
     double value = std::numeric_limits<double>::infinity();
   };
 
-  // The 2D-2D matches contradict the best pose where it explains fewer of them than another pose, by
-  // three standard deviations of their number, or a much smaller share of the 2D-3D matches than of
-  // the 2D-2D matches. Then depths of some references are wrong together.
+  // Returns whether the 2D-2D matches contradict the best pose: their cost is higher by more than
+  // three standard deviations of the number of inliers than for the other pose, or it explains a
+  // much smaller share of the 2D-3D matches than of the 2D-2D matches. Then depths of some
+  // references are wrong together.
   bool IsInDoubt(const SetScores& of_best, const SetScores& of_other) const {
     constexpr double kShare = 0.75;
     const double inliers = of_best.of_2d2d.inliers;
@@ -167,14 +169,14 @@ class Ransac {
                        [](const SolverProgress& progress) { return progress.Done(); });
   }
 
-  // Nothing can score better: all matches fit but for rounding or, where inliers are counted, all
-  // are inliers. Of the solutions of one sample the first is then taken.
+  // Returns whether nothing can score better: all matches fit but for rounding or, where inliers
+  // are counted, all are inliers. Of the solutions of one sample the first is then taken.
   bool IsExact(double value) const {
     return value - best_possible_ < 1e-6 * (worst_value_ - best_possible_);
   }
 
-  // Eq. 1 of Camposeco et al.: the probability that the next sample of a solver is the first that
-  // is of inliers alone; alike for all as long as no pose is known.
+  // Draws a solver by the probability that its next sample is the first that is of inliers alone
+  // (Eq. 1 of Camposeco et al.); uniformly as long as no pose is known.
   SolverProgress& Choose(Rng& rng) {
     std::vector<double> weights;
     double sum = 0;
@@ -244,7 +246,8 @@ class Ransac {
 
   enum class Role { kSample, kOptimized };
 
-  // By the exact score: so few poses are worth looking at all matches.
+  // Takes a candidate as the best pose if its exact score is better: so few poses are worth looking
+  // at all matches. Returns whether it did.
   bool TakeIfBetter(const RansacResult& candidate, Role role) {
     const double value = scorer_.pose_score().Value(scorer_.ScoreAll(candidate.pose));
     if (role == Role::kOptimized) optimized_.push_back({value, candidate.pose});
@@ -256,7 +259,7 @@ class Ransac {
     return true;
   }
 
-  // The best of the optimized poses that are not near the best one.
+  // Returns the best of the optimized poses that are apart from the best one and from each other.
   std::vector<CamFromLocal> Alternatives() {
     if (!best_) return {};
     std::stable_sort(optimized_.begin(), optimized_.end(),

@@ -23,7 +23,7 @@ struct RansacSolver {
   MatchSets optimized_sets;
 };
 
-// Which solvers draw a sample in an iteration.
+// The solvers that draw a sample in an iteration.
 enum class SolverSchedule {
   kAll,            // each of them (Adaptive)
   kByProbability,  // one, drawn by how likely it is to succeed now (Camposeco et al. 2018, Eq. 1)
@@ -35,7 +35,8 @@ struct RansacResult {
   MatchSets optimized_sets;
 };
 
-// Whether poses are different answers: by so much in rotation (.01 radians) or place (.1 local units).
+// Returns whether poses are different answers: more than .01 radians apart in rotation, or .1 local
+// units in center.
 bool AreApart(const CamFromLocal& a, const CamFromLocal& b);
 
 struct RansacReport {
@@ -43,13 +44,14 @@ struct RansacReport {
   double best_value = 0;  // PoseScore::Value()
   // Locally optimized poses elsewhere that explain at least half as much as the best one.
   std::vector<CamFromLocal> alternatives;
-  // Of the poses that E5+1 and D3+1 made, those that the 2D-2D matches alone like best, where they
-  // were asked for and are others than the best one.
+  // The locally optimized poses of E5+1 and of D3+1 that score best on the 2D-2D matches alone, if
+  // they were asked for (RansacOptions::keeps_best_of_2d2d), are apart from the best one and leave
+  // it in doubt.
   std::vector<RansacResult> best_of_2d2d;
   int iterations = 0;
 };
 
-// How long RANSAC runs, and which poses it optimizes locally.
+// RANSAC's stopping criterion and its policy of local optimization.
 struct RansacOptions {
   int min_iterations, max_iterations;
   double confidence;
@@ -63,10 +65,10 @@ struct RansacOptions {
         optimization(PolicyOf(options.refinement)) {}
 };
 
-// In every iteration the scheduled solvers draw one sample each and all poses are scored; a new
-// best is locally optimized. Ends when one of the solvers has drawn so many samples that, with the
-// wanted confidence, one of them was of inliers alone (inliers of the jointly best pose), within
-// the limits of the options.
+// Runs LO-RANSAC. In every iteration the scheduled solvers draw one sample each and all poses are
+// scored; a new best is locally optimized. Ends when one of the solvers has drawn so many samples
+// that, with the wanted confidence, one of them was of inliers alone (inliers of the jointly best
+// pose), within the limits of the options.
 RansacReport RunRansac(const NormalizedProblem& problem, const PoseScore& pose_score,
                        const std::vector<RansacSolver>& solvers, SolverSchedule schedule,
                        const RansacOptions& options, Rng& rng);

@@ -16,7 +16,7 @@
 namespace raylift {
 namespace {
 
-// `kCount` different indices in [0, n); n >= kCount.
+// Draws `kCount` different indices in [0, n); n >= kCount.
 template <int kCount>
 std::array<int, kCount> DrawDistinct(Rng& rng, int n) {
   std::array<int, kCount> indices;
@@ -32,7 +32,8 @@ std::array<int, kCount> DrawDistinct(Rng& rng, int n) {
 // Fourth matches tried per P3P solution of D3+1.
 constexpr int kFourthMatchesPerSample = 2;
 
-// One match of all groups, whose sizes sum to `total`: its group, and its position there.
+// Draws one match of all groups, whose sizes sum to `total`: returns its group, and its position
+// there.
 template <typename Group>
 std::pair<const Group&, int> DrawMatch(Rng& rng, const std::vector<Group>& groups, int total) {
   int position = static_cast<int>(rng.UniformIndex(static_cast<uint32_t>(total)));
@@ -41,7 +42,7 @@ std::pair<const Group&, int> DrawMatch(Rng& rng, const std::vector<Group>& group
   return {*group, position};
 }
 
-// The query's pose, from one of its cameras relative to a reference.
+// Returns the query's pose from that of one of its cameras relative to a reference.
 CamFromLocal QueryPoseOf(const NormalizedProblem& problem, const MatchGroup& group,
                          const RelativePose& relative, double length) {
   CamFromLocal pose = QueryPose(relative, problem.centers[group.reference], length);
@@ -103,9 +104,9 @@ void P3pSampler::Sample(Rng& rng, std::vector<CamFromLocal>& poses) const {
                                 {a.ray, b.ray, c.ray}, {a.point, b.point, c.point}, solutions);
   }
   poses.assign(solutions.begin(), solutions.begin() + count);
-  // Where the matches cannot tell solutions apart (three of them fit each exactly), the one nearest
-  // to the references, whose center is the origin, is the likeliest: they were retrieved for what
-  // the query sees.
+  // If the matches cannot tell solutions apart (three of them fit each exactly), the one nearest to
+  // the references, whose center is the origin, is the likeliest: they were retrieved for what the
+  // query sees.
   std::sort(poses.begin(), poses.end(), [](const CamFromLocal& left, const CamFromLocal& right) {
     return left.translation.squaredNorm() < right.translation.squaredNorm();
   });
@@ -215,9 +216,9 @@ double E5p1Sampler::NumSamples() const {
 
 namespace {
 
-// Returns where the geometry has an observation's keypoint, from the reference's center: on its ray
-// where the point was lifted by it; else the first point nearby, as SfM's are, which lie on no ray
-// as they are the mean of many.
+// Returns an observation's point in the geometry, from the reference's center: on its ray where it
+// has a depth; else the first unanchored point nearby, as SfM's are, which lie on no ray as they
+// are the mean of many. nullopt where there is none.
 std::optional<Eigen::Vector3d> PointFromCenter(const Observation& observation,
                                                std::span<const UnanchoredPoint> unanchored,
                                                double threshold_px) {
@@ -297,8 +298,8 @@ double D3p1Sampler::NumSamples() const {
 double D3p1Sampler::InlierRatio(const DepthSource& source, const CamFromLocal& pose) const {
   const Eigen::Vector3d center = pose.rotation * problem_.centers[source.group.reference] +
                                  problem_.PoseOfCamera(pose, source.group.camera).translation;
-  // The factor that each match near its epipolar line asks for: by which its point comes nearest to
-  // the query's ray.
+  // Each match near its epipolar line asks for the factor by which its point comes nearest to the
+  // query's ray.
   std::vector<double> factors;
   for (const LiftedMatch& match : source.lifted) {
     const Eigen::Vector3d point = pose.rotation * match.point_from_center;
@@ -329,8 +330,8 @@ Vector3d DrawNormal(Rng& rng) {
   return {x, y, rng.Normal()};
 }
 
-// Where the query's own camera sees a point that lies so far from it, if another camera of a rig
-// sees it along this ray; nullopt where that ray nowhere is so far away.
+// Returns the ray on which the query's own camera sees a point at this distance from it that
+// another camera of a rig sees along `ray`; nullopt where that ray nowhere is so far away.
 std::optional<Vector3d> RayFromQuery(const Vector3d& camera_center, const Vector3d& ray,
                                      double distance) {
   if (camera_center.isZero(0)) return ray;
@@ -346,7 +347,7 @@ double ToleratedAngle(const NormalizedMatch2D3D& point) {
   return std::numbers::sqrt2 / point.image_from_ray.topRows<2>().norm();
 }
 
-// The share of normal draws within the tolerance, about: along one axis.
+// Returns about the share of normal draws within the tolerance, along one axis.
 double ShareWithin(double tolerance, double sigma) { return std::min(1.0, tolerance / sigma); }
 
 }  // namespace

@@ -22,14 +22,15 @@ class HypothesisSampler {
   // Draws one sample and writes the poses that it gives (none for a degenerate sample).
   virtual void Sample(Rng& rng, std::vector<CamFromLocal>& poses) const = 0;
 
-  // The probability that a sample is of inliers alone, if the inliers of a pose are the true ones.
+  // Returns the probability that a sample is of inliers alone, if the inliers of a pose are the
+  // true ones.
   virtual double SuccessProbability(const InlierCounts& inliers) const = 0;
 
-  // How many samples there are that differ.
+  // Returns the number of different samples.
   virtual double NumSamples() const = 0;
 };
 
-// Three 2D-3D matches, uniformly; of a rig, of whichever cameras.
+// Draws three 2D-3D matches uniformly; of a rig, of whichever cameras.
 class P3pSampler final : public HypothesisSampler {
  public:
   explicit P3pSampler(const NormalizedProblem& problem);
@@ -43,9 +44,8 @@ class P3pSampler final : public HypothesisSampler {
   const NormalizedProblem& problem_;
 };
 
-// The 2D-2D matches of all references whose center is another than one reference's, and those of a
-// rig's other cameras with another center: one of them tells how far the query is from that
-// reference.
+// The 2D-2D matches that tell how far the query is from a group's reference: those with references
+// at another center, and those of a rig's cameras at another center.
 class MatchesElsewhere {
  public:
   MatchesElsewhere(const NormalizedProblem& problem, const MatchGroup& group);
@@ -75,7 +75,7 @@ class E5p1Sampler final : public HypothesisSampler {
  public:
   explicit E5p1Sampler(const NormalizedProblem& problem,
                        int sixth_matches = SixthMatchesPerSample(Refinement::kRobust));
-  // Whether some reference has five matches.
+  // Returns whether some reference has five matches with one camera.
   static bool CanSample(const NormalizedProblem& problem);
 
   bool PositionObservable() const { return position_observable_; }
@@ -99,14 +99,14 @@ class E5p1Sampler final : public HypothesisSampler {
   bool position_observable_ = false;
 };
 
-// Three 2D-2D matches of one reference that the geometry has lifted (to the keypoint's ray or, as
-// SfM's points lie, within the threshold of it), whatever the scale of the reference's depths, and
-// one match of another reference with another center; references are drawn in proportion to their
-// lifted matches. Of a rig, cameras are as in E5+1.
+// Draws three 2D-2D matches of one reference that the geometry has lifted (to the keypoint's ray
+// or, as SfM's points lie, within the threshold of it), whatever the scale of the reference's
+// depths, and one match of another reference with another center; references are drawn in
+// proportion to their lifted matches. Of a rig, cameras are as in E5+1.
 class D3p1Sampler final : public HypothesisSampler {
  public:
   D3p1Sampler(const NormalizedProblem& problem, const KeypointEvidence& evidence);
-  // Whether some reference has three lifted matches, and another a match.
+  // Returns whether some reference has three lifted matches, and one at another center a match.
   bool CanSample() const { return !sources_.empty(); }
 
   void Sample(Rng& rng, std::vector<CamFromLocal>& poses) const override;
@@ -127,8 +127,8 @@ class D3p1Sampler final : public HypothesisSampler {
     int size() const { return static_cast<int>(lifted.size()); }
   };
 
-  // The share of the lifted matches whose points lie where the query sees them, once all of them
-  // are moved along their rays by one factor.
+  // Returns the share of the lifted matches whose points project within three thresholds of their
+  // pixels, once all points are moved along their rays by one factor.
   double InlierRatio(const DepthSource& source, const CamFromLocal& pose) const;
 
   const NormalizedProblem& problem_;
@@ -136,10 +136,10 @@ class D3p1Sampler final : public HypothesisSampler {
   int num_lifted_ = 0;  // matches of all sources together
 };
 
-// Minimal samples where something is known of the pose beforehand: two 2D-3D matches, and a draw of
-// what is known.
+// Minimal samples with a prior of the pose: two 2D-3D matches, and a draw of the prior.
 
-// The base of both: two matches, and the probability of the prior.
+// The base of both samplers: draws two matches, and weighs their success by the prior's
+// probability.
 class PriorSampler : public HypothesisSampler {
  public:
   double SuccessProbability(const InlierCounts& inliers) const override;
@@ -158,7 +158,7 @@ class PriorSampler : public HypothesisSampler {
   double share_near_ = 0;  // of draws that are as good as the truth, if the prior is right
 };
 
-// The center is drawn from the position's prior.
+// Draws two matches, and the center from the position's prior.
 class KnownCenterSampler final : public PriorSampler {
  public:
   explicit KnownCenterSampler(const NormalizedProblem& problem);
@@ -170,7 +170,7 @@ class KnownCenterSampler final : public PriorSampler {
   double ProbabilityOfPrior(const CamFromLocal& pose) const override;
 };
 
-// The vertical direction is drawn from gravity's prior.
+// Draws two matches, and the vertical direction from gravity's prior.
 class UprightSampler final : public PriorSampler {
  public:
   explicit UprightSampler(const NormalizedProblem& problem);

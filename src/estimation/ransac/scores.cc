@@ -8,7 +8,7 @@
 namespace raylift {
 namespace {
 
-// Between two checks against the best score: long enough to keep the reductions cheap.
+// Blocks between two checks against the best score: enough to keep the reductions cheap.
 constexpr int kBlocksPerCheck = 8;
 
 // The score of the part of a set that has been seen. A match gains what it costs less than one.
@@ -23,9 +23,10 @@ struct PartialScore {
     inliers += part.inliers;
   }
 
-  // The score of the whole once all has been seen, and before that the best one that is still
-  // likely: the blocks are in random order, so the part tells what the whole will be within the
-  // spread of a count (four standard deviations), which is larger where matches come in clusters.
+  // Returns the score of the whole once all has been seen, and before that the best one that is
+  // still likely: the blocks are in random order, so the part tells what the whole will be within
+  // the spread of a count (four standard deviations), which is larger where matches come in
+  // clusters.
   SetScore OfWhole(int num_matches, int num_blocks, double clustering) const {
     if (blocks == num_blocks) return {num_matches - gain, inliers};
     const double share = static_cast<double>(blocks) / num_blocks;
@@ -131,8 +132,8 @@ std::optional<SetScores> Scorer::ScoreIfBetter(const CamFromLocal& pose, double 
   const bool has_2d2d = Has2D2D(pose_score_.sets());
   const size_t blocks_2d3d = has_2d3d ? problem_.blocks_2d3d.size() : 0;
   const size_t blocks_2d2d = has_2d2d ? problem_.blocks_2d2d.size() : 0;
-  // By turns: a set that has not been looked at is taken to fit entirely, so that one alone rarely
-  // tells.
+  // The sets are scored by turns: one that has not been looked at is taken to fit entirely, so that
+  // the other alone rarely decides.
   PartialScore seen_2d3d, seen_2d2d;
   for (size_t i = 0; i <= std::max(blocks_2d3d, blocks_2d2d); i += kBlocksPerCheck) {
     if (has_2d3d &&

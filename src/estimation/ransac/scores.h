@@ -30,8 +30,8 @@ struct InlierCounts {
   CamFromLocal pose;
   int of_2d3d = 0;
   std::vector<int> of_2d2d;  // by NormalizedProblem::CameraReferenceIndex()
-  // How much more the counts of blocks vary than those of independent matches would: a block's
-  // matches are of one reference, and references are good or bad as a whole.
+  // The variance of the blocks' inlier counts over that of independent matches, at least 1: a
+  // block's matches are of one reference, and references are good or bad as a whole.
   double clustering_2d2d = 1;
 };
 
@@ -45,8 +45,9 @@ class PoseScore {
 
   MatchSets sets() const { return sets_; }
 
-  // Smaller is better. Monotone: it grows with each cost and falls with either inlier count, so a
-  // bound on each gives a bound on the whole. Priors cost like so many matches of each set.
+  // Returns the pose's value, smaller is better. Monotone: it grows with each cost and falls with
+  // either inlier count, so a bound on each gives a bound on the whole. Priors cost like so many
+  // matches of each set.
   double Value(const SetScores& score) const;
 
  private:
@@ -66,14 +67,13 @@ class Scorer {
   // soon as a part of the matches leaves little hope that it will be.
   std::optional<SetScores> ScoreIfBetter(const CamFromLocal& pose, double best_value) const;
 
-  // From now on a part of the 2D-2D matches tells the less of the whole, the more they are
-  // clustered.
+  // Sets how clustered the 2D-2D matches are: the more, the less a part of them tells of the whole.
   void ExpectClusters(double clustering_2d2d) { clustering_2d2d_ = clustering_2d2d; }
 
-  // Both sets, whatever the pose score uses.
+  // Scores both sets, whatever the pose score uses.
   SetScores ScoreAll(const CamFromLocal& pose) const;
 
-  // Inliers of both sets, whatever the pose score uses.
+  // Counts the inliers of both sets, whatever the pose score uses.
   InlierCounts CountInliers(const CamFromLocal& pose) const;
 
   const PoseScore& pose_score() const { return pose_score_; }

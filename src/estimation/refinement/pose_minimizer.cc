@@ -12,7 +12,7 @@
 namespace raylift {
 namespace {
 
-// Adds what one camera says, of whose own step the normals are. A step (w, v) of the query moves a
+// Adds one camera's normal equations, which are of its own step. A step (w, v) of the query moves a
 // camera at `center` by (w, v + w x center).
 void Add(const kernels::KernelNormals& normals, double weight, const Eigen::Vector3d& center,
          NormalEquations& equations) {
@@ -118,7 +118,8 @@ CamFromLocal Moved(const CamFromLocal& pose, const Vector6d& step) {
   return {turn * pose.rotation, turn * pose.translation + step.tail<3>()};
 }
 
-// Levenberg-Marquardt with Marquardt's scaling, which makes the damping blind to units.
+// Takes steps of Levenberg-Marquardt with Marquardt's scaling, which makes the damping blind to
+// units.
 template <typename T>
 CamFromLocal Minimize(const NormalizedProblem& problem, const ActiveMatches<T>& matches,
                       const CamFromLocal& start, const MatchSetWeights& weights, int max_steps,

@@ -1,4 +1,4 @@
-// Minimizing a robust cost of matches over the pose, by Levenberg-Marquardt on fixed-size normal
+// Minimizes a robust cost of matches over the pose, by Levenberg-Marquardt on fixed-size normal
 // equations that the kernels sum: in single precision for local optimization, in double for the
 // final refinement.
 
@@ -23,8 +23,9 @@ struct ActiveMatches {
   std::span<const int> block_camera_reference_2d2d;
 };
 
-// The cost of a match: its set's weight times the loss of its squared residual; and the weight of
-// the pose's priors, whose residuals are over standard deviations instead of thresholds.
+// The weights of the cost. A match costs its set's weight times the loss of its squared residual;
+// the pose's priors, whose residuals are over standard deviations instead of thresholds, have a
+// weight, too.
 struct MatchSetWeights {
   double weight_2d3d = 1;
   double weight_2d2d = 1;
@@ -69,8 +70,8 @@ struct FocalStep {
   Vector6d pose_by_log_factor;  // the pose's step (w, v) in the camera's tangent frame, local units
 };
 
-// Normal equations of more unknowns than the focal length, the pose's first: half of the cost's
-// gradient and second derivatives.
+// Normal equations of the focal length's logarithm and of all other unknowns, the pose's first:
+// half of the cost's gradient and second derivatives.
 struct FocalEquations {
   Eigen::MatrixXd hessian;
   Eigen::VectorXd gradient;

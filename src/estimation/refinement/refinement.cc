@@ -16,8 +16,8 @@
 namespace raylift {
 namespace {
 
-// Takes what is known of the scene; where nothing is known of its keypoints, it is as if four
-// errors had shown what is assumed before anything is seen.
+// Returns the prior of the noise by what is known of the scene; where nothing is known of its
+// keypoints, it is as if four errors had shown kPriorVariance.
 NoisePrior PriorOf(const std::optional<SceneNoise>& scene, double threshold2, double local_unit) {
   NoisePrior prior;
   prior.keypoint_px2 = {threshold2 * kPriorVariance, 4};
@@ -76,9 +76,10 @@ std::vector<double> LogScales(const KeypointEvidence& evidence, const CamFromLoc
   return scales;
 }
 
-// The pose with its covariance. An uncertain focal length moves the pose of one match set by
-// d = d pose / d log f, and is not refined with it: a keypoint counts there once per match, which
-// would make the matches too sure of f. So the covariance has all of sigma's part, sigma^2 d d'.
+// Returns the pose with its covariance. An uncertain focal length moves the pose of one match set
+// by d = d pose / d log f, and is not refined with it: a keypoint counts there once per match,
+// which would make the matches too sure of f. So the covariance has all of sigma's part, sigma^2 d
+// d'.
 RefinedPose WithCovariance(const NormalizedProblem& problem, const MaximumLikelihood& likelihood) {
   RefinedPose refined = {.pose = likelihood.pose(), .covariance = likelihood.Covariance()};
   if (problem.focal.sigma == 0 || !refined.covariance) return refined;

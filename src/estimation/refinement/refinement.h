@@ -7,11 +7,11 @@
 // that follows from a pixel adds nothing to it. The likelihood of a match is a mixture: right with
 // its depth, right with a useless depth, wrong; pixels' errors follow Student's t.
 //
-// What the depths are worth is estimated with the pose: an error of each depth by itself, one that
-// the depths of a keypoint have in common (the surface is off) and, where the residuals show that
+// The depths' noise is estimated with the pose: an error of each depth by itself, one that the
+// depths of a keypoint have in common (the surface is off) and, where the residuals show that
 // references disagree as wholes, a scale of each reference's depths and an error of its pose.
 // Variances follow MacKay's fixed point (Neural Computation 4, 1992), which takes the unknowns' own
-// uncertainty into account; the points are eliminated by the Schur complement. README.md beside
+// uncertainty into account; the points are eliminated by the Schur complement. README.md in
 // src/estimation has the equations.
 
 #pragma once
@@ -32,26 +32,28 @@ struct RefinedPose {
   // The covariance of the step (w, v) in the camera's tangent frame, v in local units; nullopt
   // where the normal equations are singular.
   std::optional<Matrix6d> covariance;
-  // What the joint refinement found the matches to be worth.
+  // The noise that the joint refinement estimated; nullopt without it.
   std::optional<JointNoise> noise = std::nullopt;
   bool references_disagree = false;  // by more than is known of them
-  // Of the joint model, to compare refinements of one problem that have the same unknowns.
+  // Log likelihood of the joint model, by which refinements of one problem with the same unknowns
+  // are compared.
   double log_likelihood = 0;
-  // By which share the query's focal length seems longer than the given one, where it is uncertain;
-  // the pose is that of the longer one.
+  // The share by which the query's focal length seems longer than the given one, 0 where that is
+  // exact; the pose is that of the longer one.
   double focal_error = 0;
   std::optional<FocalStep> focal = std::nullopt;  // where it was asked for
 };
 
-// Returns what is known of the noise: by the options, by the problem, by the scene.
+// Returns what the options, the problem and the scene say of the noise, in this order of
+// precedence; nullopt if nothing.
 std::optional<SceneNoise> KnownNoiseOf(const NormalizedProblem& problem,
                                        const EstimatorOptions& options);
 
-// Whether the step of the focal length is to be found at the refined pose.
+// Tells whether to find the step of the focal length at the refined pose (RefinedPose::focal).
 enum class FocalDerivatives { kNone, kAtPose };
 
-// Whether the joint refinement gives each reference errors of its own: where their residuals show
-// some, or in any case.
+// Tells when the joint refinement gives each reference errors of its own: where their residuals
+// show some, or always.
 enum class ReferenceErrors { kWhereSeen, kAlways };
 
 // Refines a pose as the options say: kPaper leaves it as it is; kRobust refines it jointly where
@@ -68,7 +70,7 @@ RefinedPose RefineFinally(const NormalizedProblem& problem,
 RefinedPose RefineWithScales(const NormalizedProblem& problem, const KeypointEvidence& evidence,
                              const CamFromLocal& pose, const EstimatorOptions& options);
 
-// Takes the pose as it is, and says how well some match sets determine it.
+// Returns the pose as it is, with its covariance by some match sets.
 RefinedPose KeepPose(const NormalizedProblem& problem, const CamFromLocal& pose, MatchSets sets);
 
 // Refines a pose jointly; `scene` is what the scene's queries have in common.
@@ -77,7 +79,7 @@ RefinedPose RefineByEvidence(const NormalizedProblem& problem, const KeypointEvi
                              FocalDerivatives focal = FocalDerivatives::kNone,
                              ReferenceErrors reference_errors = ReferenceErrors::kWhereSeen);
 
-// The joint refinement itself, from a first guess of the keypoints' variance.
+// Refines a pose jointly, from a first guess of the keypoints' variance.
 RefinedPose RefineJointly(const KeypointEvidence& evidence, const CamFromLocal& start,
                           double keypoint_variance_px2, const NoisePrior& prior,
                           const NormalizedPriors& pose_priors = {},

@@ -46,7 +46,7 @@ double NoiseVariance(const std::vector<double>& squared_residuals, const Residua
         ++count;
       }
     }
-    // A prior of the weight of a few matches.
+    // The prior weighs as much as kPriorMatches matches.
     const double expected = model.mean_square_below(limit / variance);
     const double next = std::clamp(
         (sum + kPriorMatches * expected * kPriorVariance) / ((count + kPriorMatches) * expected),
@@ -77,7 +77,8 @@ constexpr double kInnerSigmas = 2.5;
 // Wrong ones are counted up to so many thresholds.
 constexpr double kOuterThresholds = 10;
 
-// The sine of the angle at the point over the baseline's length: about the inverse distance.
+// Returns the sine of the angle at the point over the baseline's length: about the inverse
+// distance.
 double InverseDistance(const NormalizedProblem& problem, const CamFromLocal& pose,
                        const NormalizedMatch2D2D& pair) {
   const Eigen::Vector3d baseline = pose.rotation * problem.centers[pair.reference] +
@@ -210,7 +211,7 @@ MaximumLikelihood::GatheredMatches MaximumLikelihood::WithFocal(const GatheredMa
   return moved;
 }
 
-// By least squares of the matches within two and a half standard deviations: the differences are
+// Takes least squares of the matches within two and a half standard deviations: the differences are
 // then of the same cost as the Gauss-Newton matrix.
 std::optional<FocalStep> MaximumLikelihood::StepOfFocal() const {
   constexpr double kNear = kSigmasOfThreshold * kSigmasOfThreshold;
@@ -247,7 +248,7 @@ std::optional<FocalStep> MaximumLikelihood::StepOfFocal() const {
   return equations.Solve();
 }
 
-// The matches near the pose, and what they say of the noise.
+// Gathers the matches near the pose, and estimates their noise.
 void MaximumLikelihood::Gather() {
   const Residuals residuals = ComputeResiduals(problem_, pose_, sets_);
   const double variance_2d3d = NoiseVariance(residuals.of_2d3d, kModel2D3D);

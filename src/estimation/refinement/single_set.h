@@ -1,4 +1,4 @@
-// Refining a pose, in double precision, with each set's noise estimated from its own inliers, so
+// Refines a pose, in double precision, with each set's noise estimated from its own inliers, so
 // that inaccurate geometry does not drag the pose, and a robust loss.
 
 #pragma once
@@ -12,7 +12,7 @@
 
 namespace raylift {
 
-// Holds a reference to the problem.
+// Refines a pose by maximum likelihood. Holds a reference to the problem.
 class MaximumLikelihood {
  public:
   MaximumLikelihood(const NormalizedProblem& problem, MatchSets sets)
@@ -61,11 +61,11 @@ class MaximumLikelihood {
 // The noise of the residuals near a pose, estimated from themselves, and the robust loss for it.
 // All in units of the squared threshold.
 
-// The noise's variance as it is assumed before anything is seen, as if a few matches had shown it.
+// The prior of the noise's variance, as if a few matches had shown it.
 inline constexpr double kPriorVariance = 0.1;
 
-// The distribution of one set's residuals: the mean square of a residual of unit variance that is
-// cut at a limit, and where the robust loss ends for unit variance.
+// The distribution of one set's residuals at unit variance: the mean square of those below a limit,
+// and the limit of the robust loss.
 struct ResidualModel {
   double (*mean_square_below)(double squared_limit);
   double squared_loss_limit;  // 95 % of the efficiency of least squares on normal residuals
@@ -73,14 +73,14 @@ struct ResidualModel {
 extern const ResidualModel kModel2D3D;  // of two residuals per match
 extern const ResidualModel kModel2D2D;  // of one
 
-// The variance of one residual component: the one that explains the mean square of the residuals
-// within two and a half standard deviations. Where the residuals spread evenly over all that lies
-// near, as with inaccurate geometry, it grows beyond bounds.
+// Returns the variance of one residual component: the one that explains the mean square of the
+// residuals within two and a half standard deviations. Where the residuals spread evenly over all
+// that lies near, as with inaccurate geometry, it may grow up to its bound, 100.
 double NoiseVariance(const std::vector<double>& squared_residuals, const ResidualModel& model);
 
 kernels::KernelLoss RobustLoss(double variance, const ResidualModel& model);
 
-// Which 2D-2D matches near a pose can be trusted to refine it.
+// The 2D-2D matches near a pose that can be trusted to refine it.
 //
 // A wrong match lands near its epipolar line by chance, and then mostly as a point close to the
 // cameras, where random rays meet. Nothing in its residual tells it from a right one, but so near a
@@ -88,9 +88,9 @@ kernels::KernelLoss RobustLoss(double variance, const ResidualModel& model);
 // hundreds of inliers know. How many of the matches at one parallax are there by chance shows in
 // the residuals a little farther off, where only wrong ones are.
 
-// The indices, in order, of the 2D-2D matches whose squared residual is below `limit`, without
-// those at parallaxes where chance explains too many of them. `variance` is that of the residuals
-// of right matches; all in units of the squared threshold.
+// Returns the indices, in order, of the 2D-2D matches whose squared residual is below `limit`,
+// without those at parallaxes where chance explains too many of them. `variance` is that of the
+// residuals of right matches; all in units of the squared threshold.
 std::vector<int> ReliableMatches2D2D(const NormalizedProblem& problem, const CamFromLocal& pose,
                                      const std::vector<double>& squared_residuals, double variance,
                                      double limit);

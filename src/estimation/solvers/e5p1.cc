@@ -70,7 +70,8 @@ inline Quadric Difference(const Quadric& a, const Quadric& b) {
   return d;
 }
 
-// Four orthonormal vectors orthogonal to the five epipolar constraints, by Householder reflections.
+// Returns four orthonormal vectors orthogonal to the five epipolar constraints, by Householder
+// reflections.
 std::array<std::array<double, 9>, 4> EpipolarNullSpace(const Rays& query_rays,
                                                        const Rays& reference_rays) {
   double columns[5][9];
@@ -112,7 +113,8 @@ std::array<std::array<double, 9>, 4> EpipolarNullSpace(const Rays& query_rays,
   return basis;
 }
 
-// The ten cubic constraints of an essential matrix: 2 E E' E - trace(E E') E = 0 and det E = 0.
+// Writes the ten cubic constraints of an essential matrix: 2 E E' E - trace(E E') E = 0 and det E =
+// 0.
 void EssentialConstraints(const std::array<std::array<double, 9>, 4>& basis, Cubic rows[10]) {
   Linear e[9];
   for (int i = 0; i < 9; ++i) {
@@ -154,8 +156,9 @@ void EssentialConstraints(const std::array<std::array<double, 9>, 4>& basis, Cub
   }
 }
 
-// Gauss-Jordan elimination of the first ten columns with partial pivoting; only the rows of the six
-// last pivots (from xxz on) are reduced fully, as only those are used. False where it is singular.
+// Eliminates the first ten columns by Gauss-Jordan with partial pivoting; only the rows of the six
+// last pivots (from xxz on) are reduced fully, as only those are used. Returns false where it is
+// singular.
 bool EliminateLeadingMonomials(Cubic rows[10]) {
   for (int k = 0; k < 10; ++k) {
     int pivot = k;
@@ -210,8 +213,8 @@ double Evaluate(const double* c, int degree, double z) {
   return value;
 }
 
-// Newton's method on q' [t] R r = 0 for the five matches, in the rotation and the direction; keeps
-// the pose orthogonal. False if it does not converge.
+// Polishes a pose by Newton's method on q' [t] R r = 0 for the five matches, in the rotation and
+// the direction; keeps it orthogonal. Returns false if that does not converge.
 bool Polish(const Rays& query_rays, const Rays& reference_rays, RelativePose& pose) {
   for (int iteration = 0; iteration < 4; ++iteration) {
     const Vector3d axis = pose.direction;
@@ -288,8 +291,9 @@ bool AllInFront(const Rays& query_rays, const Rays& reference_rays, const Relati
   return true;
 }
 
-// The rotation nearest to an almost orthogonal matrix: two steps of Newton's polar iteration would
-// need inverses; Gram-Schmidt is enough, as Newton's method polishes the pose afterwards.
+// Returns about the rotation nearest to an almost orthogonal matrix: two steps of Newton's polar
+// iteration would need inverses; Gram-Schmidt is enough, as Newton's method polishes the pose
+// afterwards.
 Matrix3d Orthogonalized(const Matrix3d& m) {
   const Vector3d x = m.col(0).normalized();
   const Vector3d z = x.cross(m.col(1)).normalized();
@@ -312,7 +316,7 @@ int SolveEssential(const Rays& query_rays, const Rays& reference_rays,
   const EliminatedRow l = Combine(rows[6], rows[7]);
   const EliminatedRow m = Combine(rows[8], rows[9]);
 
-  // The determinant of the 3 x 3 matrix of these rows, along its last column.
+  // The determinant of the 3 x 3 matrix of these rows is expanded along its last column.
   double minor_lm[7] = {};
   double minor_mk[7] = {};
   double minor_kl[7] = {};
@@ -385,7 +389,7 @@ int SolveRelativePose(const Rays& query_rays, const Rays& reference_rays,
     for (const double sign : {1.0, -1.0}) {
       RelativePose pose;
       pose.rotation = Orthogonalized((cofactors - sign * product) / length2);
-      // Which of the two directions: the one that puts the first point in front of the query.
+      // The direction is that of the two which puts the first point in front of the query.
       const Vector3d g = pose.rotation * reference_rays[0];
       const double in_front = t.dot(query_rays[0]) - t.dot(g) * query_rays[0].dot(g);
       pose.direction = in_front > 0 ? t : Vector3d(-t);

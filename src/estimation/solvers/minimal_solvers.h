@@ -44,7 +44,7 @@ int SolveGeneralizedP3p(const std::array<Eigen::Vector3d, 3>& centers,
 
 inline constexpr int kMaxFivePointSolutions = 10;
 
-// Essential matrices E with query_ray' E reference_ray = 0; returns their count.
+// Writes the essential matrices E with query_ray' E reference_ray = 0, and returns their count.
 int SolveEssential(const std::array<Eigen::Vector3d, 5>& query_rays,
                    const std::array<Eigen::Vector3d, 5>& reference_rays,
                    std::span<Eigen::Matrix3d, kMaxFivePointSolutions> essentials);
@@ -55,8 +55,8 @@ struct RelativePose {
   Eigen::Vector3d direction;
 };
 
-// The relative poses that put all five points in front of both cameras. Rays are unit vectors.
-// All poses are finite, rotations orthogonal to rounding.
+// Writes the relative poses that put all five points in front of both cameras, and returns their
+// count. Rays are unit vectors. All poses are finite, rotations orthogonal to rounding.
 int SolveRelativePose(const std::array<Eigen::Vector3d, 5>& query_rays,
                       const std::array<Eigen::Vector3d, 5>& reference_rays,
                       std::span<RelativePose, kMaxFivePointSolutions> poses);
@@ -70,44 +70,45 @@ struct RayPair {
   Eigen::Vector3d reference_ray;
 };
 
-// cam_from_world of the query for a reference at `center` (rays in world axes) and a translation of
-// `length` along the relative pose's direction.
+// Returns cam_from_world of the query for a reference at `center` (rays in world axes) and a
+// translation of `length` along the relative pose's direction.
 CamFromLocal QueryPose(const RelativePose& relative, const Eigen::Vector3d& center, double length);
 
-// The length of the translation from the first reference at which the sixth match, to a reference
-// at `sixth_center`, meets its epipolar constraint; nullopt where it is not positive and finite, or
-// where the sixth point would lie behind the query or behind its own reference. nullopt, too, where
-// the match says nothing of the length, its rays lying in one plane with the direction.
+// Returns the length of the translation from the first reference at which the sixth match, to a
+// reference at `sixth_center`, meets its epipolar constraint; nullopt where it is not positive and
+// finite, or where the sixth point would lie behind the query or behind its own reference. nullopt,
+// too, where the match says nothing of the length, its rays lying in one plane with the direction.
 std::optional<double> TranslationLength(const RelativePose& relative, const Eigen::Vector3d& center,
                                         const RayPair& sixth, const Eigen::Vector3d& sixth_center);
 
 // The pose of a query from three matches to one reference whose depths are known up to a common
 // factor, and one match to another reference (D3+1): the three give rotation and direction of the
 // translation by P3P, whatever the factor, and the fourth gives its length as the sixth match of
-// E5+1 does (e5p1.h). For depth whose scale is each reference's own, as of a single image.
+// E5+1 does (TranslationLength()). For depth whose scale is each reference's own, as of a single
+// image.
 
-// The relative poses of three matches: unit rays of the query, and the points from the reference's
-// center, in world axes, up to a common positive factor. Returns their count; 0 where the query is
-// at the reference's center, as that has no direction, and where P3P has no solution.
+// Writes the relative poses of three matches: unit rays of the query, and the points from the
+// reference's center, in world axes, up to a common positive factor. Returns their count; 0 where
+// the query is at the reference's center, as that has no direction, and where P3P has no solution.
 int SolveRelativePoseByDepth(const std::array<Eigen::Vector3d, 3>& query_rays,
                              const std::array<Eigen::Vector3d, 3>& points_from_center,
                              std::span<RelativePose, 4> poses);
 
 // Poses from two 2D-3D matches, where the camera's center or its vertical direction is known.
 
-// The rotation that turns the directions of two points from the center into their rays, as nearly
-// as the angle between them allows. `rays`: unit vectors in the camera frame. None where the rays,
-// or the points as seen from the center, lie in one line.
+// Returns the pose at a center whose rotation turns the directions of two points from there into
+// their rays, as nearly as the angle between them allows. `rays`: unit vectors in the camera frame.
+// nullopt where the rays, or the points as seen from the center, lie in one line.
 std::optional<CamFromLocal> SolvePoseAtCenter(const std::array<Eigen::Vector3d, 2>& rays,
                                               const std::array<Eigen::Vector3d, 2>& points_in_world,
                                               const Eigen::Vector3d& center_in_world);
 
-// The poses that turn the world's direction of gravity into the camera's and put both points onto
-// their rays, in front of the camera (UP2P; Kukelova, Bujnak and Pajdla, "Closed-form solutions to
-// minimal absolute pose problems with known vertical direction", ACCV 2010, by the two depths).
-// All vectors but the points have length 1. Returns their count; 0 for a degenerate sample: both
-// rays level, or one point above the other. `centers` are those of the cameras that see the points,
-// in the frame of the pose: zeros, but of a rig.
+// Writes the poses that turn the world's direction of gravity into the camera's and put both points
+// onto their rays, in front of the camera (UP2P; Kukelova, Bujnak and Pajdla, "Closed-form
+// solutions to minimal absolute pose problems with known vertical direction", ACCV 2010, by the two
+// depths). Rays and directions of gravity have length 1. Returns their count; 0 for a degenerate
+// sample: both rays level, or one point above the other. `centers` are those of the cameras that
+// see the points, in the frame of the pose: zeros, but of a rig.
 int SolveUprightPose(const std::array<Eigen::Vector3d, 2>& centers,
                      const std::array<Eigen::Vector3d, 2>& rays,
                      const std::array<Eigen::Vector3d, 2>& points_in_world,

@@ -11,8 +11,8 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-// Right-handed axes of two unit vectors: between them, across both. None where they lie in one
-// line.
+// Returns right-handed axes of two unit vectors: x between them, z across both. nullopt where they
+// lie in one line.
 std::optional<Matrix3d> AxesOf(const Vector3d& a, const Vector3d& b) {
   const Vector3d across = a.cross(b);
   const double sine = across.norm();
@@ -46,7 +46,7 @@ int SolveUprightPose(const std::array<Vector3d, 2>& centers, const std::array<Ve
                      const std::array<Vector3d, 2>& points_in_world, const Vector3d& down_in_cam,
                      const Vector3d& down_in_world, std::span<CamFromLocal, 2> poses) {
   constexpr double kLevel = 1e-9;
-  // In frames whose z axis is vertical the rotation is one about it.
+  // Between frames whose z axes are vertical the rotation is one about z.
   const Matrix3d level_from_cam = RotationToZ(down_in_cam);
   const Matrix3d level_from_world = RotationToZ(down_in_world);
   Vector3d a = level_from_cam * rays[0];

@@ -15,8 +15,8 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// A real root of p3 x^3 + p2 x^2 + p1 x + p0, p3 != 0: the one at which the cubic is steepest,
-// which is the best conditioned.
+// Returns a real root of p3 x^3 + p2 x^2 + p1 x + p0, p3 != 0: the one at which the cubic is
+// steepest, which is the best conditioned.
 double SteepestCubicRoot(double p3, double p2, double p1, double p0) {
   const double a = p2 / p3;
   const double b = p1 / p3;
@@ -58,7 +58,7 @@ struct Quadratic {
   int count;
 };
 
-// The real roots of x^2 + b x + c.
+// Returns the real roots of x^2 + b x + c.
 Quadratic SolveQuadratic(double b, double c) {
   const double discriminant = b * b - 4 * c;
   if (!(discriminant >= 0)) {
@@ -117,7 +117,8 @@ struct TriangleEquations {
   double b12, b13, b23;
 };
 
-// Newton's method on the three distance equations; converges in one or two steps from here.
+// Polishes the distances by Newton's method on their three equations; converges in one or two steps
+// from here.
 void PolishDistances(const TriangleEquations& e, Vector3d& l) {
   for (int i = 0; i < 3; ++i) {
     const Vector3d residual(l[0] * l[0] + l[1] * l[1] + e.b12 * l[0] * l[1] - e.a12,
@@ -292,8 +293,9 @@ double At(const std::array<double, N>& a, double x) {
   return value;
 }
 
-// The distance of two points, of which the first lies x along its ray and the second y:
-//   x^2 + y^2 + xy * x y + x * x + y * y + constant = 0.
+// The equation of the distance of two points, of which the first lies x along its ray and the
+// second y:
+//   x^2 + y^2 + xy * x y + by_x * x + by_y * y + constant = 0.
 struct DistanceEquation {
   double xy, by_x, by_y, constant;
 
@@ -304,7 +306,7 @@ struct DistanceEquation {
         by_y(-2 * second_ray.dot(from_second_center)),
         constant(from_second_center.squaredNorm() - squared_distance) {}
 
-  // As a quadratic y^2 + Linear(x) y + Constant(x).
+  // Return the coefficients of the equation as a quadratic, y^2 + Linear(x) y + Constant(x).
   Polynomial<1> Linear() const { return {by_y, xy}; }
   Polynomial<2> Constant() const { return {constant, by_x, 1}; }
 
@@ -341,7 +343,7 @@ struct TriangleOfRays {
   }
 };
 
-// Right-handed axes of a triangle: along its first side, in its plane, across.
+// Returns right-handed axes of a triangle: x along its first side, y in its plane, z across.
 Matrix3d AxesOfTriangle(const Vector3d& first_side, const Vector3d& second_side) {
   Matrix3d axes;
   axes.col(0) = first_side.normalized();

@@ -46,7 +46,8 @@ class SturmChain {
     }
   }
 
-  // Sign changes along the chain at x; minus that at y > x is the number of distinct roots between.
+  // Returns the sign changes along the chain at x; less that at y > x, it is the number of distinct
+  // roots between.
   int SignChanges(double x) const {
     double next = 0;
     double current = 1;
@@ -77,12 +78,12 @@ class SturmChain {
   int length_ = 0;
 };
 
-// The whole axis mapped to (-1, 1), so that halving an interval suits roots of any size.
+// Map the whole axis to (-1, 1) and back, so that halving an interval suits roots of any size.
 inline double AxisFromUnit(double u) { return u / (1 - std::abs(u)); }
 inline double UnitFromAxis(double x) { return x / (1 + std::abs(x)); }
 
-// The only root between a and b, where p changes its sign: Newton steps, halving where they leave
-// the bracket or are slow.
+// Returns the only root between a and b, where p changes its sign, by Newton steps, halving where
+// they leave the bracket or are slow.
 template <int kDegree>
 double RefineRoot(const std::array<double, kDegree + 1>& p, double a, double b) {
   const auto halve = [&a, &b] { return AxisFromUnit(0.5 * (UnitFromAxis(a) + UnitFromAxis(b))); };
@@ -116,8 +117,8 @@ double RefineRoot(const std::array<double, kDegree + 1>& p, double a, double b) 
   return x;
 }
 
-// `p[i]` belongs to x^i. Writes the simple real roots to `roots`, in ascending order, and returns
-// their count (a double root may be missed). None for a polynomial that is not finite or has no
+// Writes the simple real roots to `roots`, in ascending order, and returns their count (a double
+// root may be missed). `p[i]` belongs to x^i. 0 for a polynomial that is not finite or has no
 // leading coefficient.
 template <int kDegree>
 int RealRoots(const std::array<double, kDegree + 1>& p, std::array<double, kDegree>& roots) {

@@ -13,11 +13,11 @@ using Eigen::Matrix2d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-// A query's pixel is wrong, although its matches agree with each other, as often as that.
+// The probability that a query's pixel is wrong although its matches agree with each other.
 constexpr double kQueryWrong = 0.1;
 
-// Returns what errors show of their variance: their squares over how many of them are not explained
-// by the unknowns that were fitted to them (MacKay 1992).
+// Returns the variance of errors: their squares over how many of them are not explained by the
+// unknowns that were fitted to them (MacKay 1992), with the prior; `now` where they are too few.
 double Variance(const kernels::JointSum& sum, const VariancePrior& prior, double now, double least,
                 double largest) {
   const double total = std::max(sum.count, 0.0) + prior.count;
@@ -30,9 +30,9 @@ double Share(double right, double count, double prior) {
   return std::clamp((right + prior) / (count + 2 * prior), 0.01, 0.99);
 }
 
-// Whether the pose's uncertainty moves pixels by so little that predictions need not know of it.
+// Returns whether the pose's uncertainty moves pixels so little that predictions may leave it out.
 bool IsPoseCertain(const Matrix7d& query_covariance, const JointModel& model) {
-  // Of the pixels' variance, which itself is known to a few per cent at best.
+  // The share is of the pixels' variance, which itself is known to a few per cent at best.
   constexpr double kNegligibleShare = 0.02;
   // Some keypoints over all of the image tell.
   constexpr size_t kEnoughKeypoints = 32;
@@ -54,8 +54,8 @@ bool IsPoseCertain(const Matrix7d& query_covariance, const JointModel& model) {
   return variance < kNegligibleShare * count * model.noise.keypoint_px2;
 }
 
-// Returns the errors of pixels, as all else predicts them, that the tail is told by: some hundred,
-// squared and along the axis that is best predicted.
+// Returns some hundred leave-one-out errors of pixels, which tell the tail: squared, along the axis
+// that is best predicted, over the variance.
 std::vector<double> ErrorsAcross(const JointModel& model) {
   struct SlotLane {
     const kernels::JointObservations* slot;
@@ -106,7 +106,8 @@ double SquaredAcross(const Vector2d& error, const Matrix2d& covariance) {
   const double cross = 0.5 * (covariance(0, 1) + covariance(1, 0));
   const double root = std::hypot(half, cross);
   if (!(root > 0)) return error.x() * error.x() / mean;
-  // Along the axis of the smaller eigenvalue, which as a difference of such numbers would be lost.
+  // The error is along the axis of the smaller eigenvalue, which is the determinant over the larger
+  // one, as the difference of such numbers would be lost.
   const double cos2 = -half / root;
   const double sin2 = -cross / root;
   const double squared =

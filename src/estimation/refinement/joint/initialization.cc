@@ -20,8 +20,8 @@ using Eigen::Vector3d;
 // No error is impossible.
 constexpr double kLeastDensity = 1e-9;
 
-// Where a point that moves along the query's ray is seen in a reference: its residual is
-// at_infinity + direction / (offset + slope * distance).
+// The residual in a reference, pixels, of a point that moves along the query's ray:
+//   at_infinity + direction / (offset + slope * distance).
 struct RayScan {
   Vector2d at_infinity, direction;
   double offset, slope;
@@ -39,7 +39,7 @@ struct RayScan {
   double SquaredError(double distance) const {
     return (at_infinity + direction / (offset + slope * distance)).squaredNorm();
   }
-  // The distance of the smallest error, and that error.
+  // Return the distance of the smallest error, and that error squared.
   double BestDistance() const {
     const double inverse = -at_infinity.dot(direction) / direction.squaredNorm();
     return (1 / inverse - offset) / slope;
@@ -48,7 +48,7 @@ struct RayScan {
     const double cross = at_infinity.x() * direction.y() - at_infinity.y() * direction.x();
     return cross * cross / direction.squaredNorm();
   }
-  // Pixels per unit of the distance's logarithm.
+  // Returns the pixels per unit of the distance's logarithm.
   double Gain(double distance) const {
     const double depth = offset + slope * distance;
     return direction.norm() * std::abs(slope) * distance / (depth * depth);
@@ -68,7 +68,7 @@ struct QueryRay {
   Vector3d At(double distance) const { return origin + distance * direction; }
 };
 
-// An error that the evidence shows, and how much of it a pixel makes.
+// An error of a depth or a point that the evidence shows.
 struct ObservedError {
   double squared;
   double squared_gain;  // variance of the error per squared pixel of noise
@@ -87,7 +87,8 @@ struct VarianceAndShare {
   double variance, share;
 };
 
-// The likeliest variance, by factors of three of the deviation, and share of right errors.
+// Returns the likeliest variance, on a grid of factors of three of the deviation, and share of
+// right errors.
 template <typename Right, typename Wrong>
 VarianceAndShare Likeliest(const std::vector<ObservedError>& errors, double largest_variance,
                            const Right& right, const Wrong& wrong) {
@@ -152,7 +153,7 @@ JointNoise InitializeNoise(const KeypointEvidence& evidence, const CamFromLocal&
   }
   if (!log_distances.empty()) {
     noise.log_distance_mean = UpperMedianOr(log_distances, 0);
-    // Half as wide again as the bulk, and a quarter of the distance at least.
+    // The prior is half as wide again as the bulk, and a quarter of the distance at least.
     const double deviation =
         1.5 * kSigmaPerMad * UpperDeviation(log_distances, noise.log_distance_mean);
     noise.log_distance_variance = std::max(0.0625, deviation * deviation);
@@ -188,8 +189,8 @@ JointNoise InitializeNoise(const KeypointEvidence& evidence, const CamFromLocal&
 
 namespace {
 
-// JointModel::epipolar_clutter, by the matches that lie beside their epipolar lines: beyond what is
-// noise, and up to three times as far.
+// Returns JointModel::epipolar_clutter by the matches that lie beside their epipolar lines: beyond
+// what is noise, and up to three times as far.
 std::vector<double> EpipolarClutter(const JointModel& model, double far) {
   const KeypointEvidence& evidence = model.evidence;
   const double near2 = far * 2 * model.noise.keypoint_px2;

@@ -21,9 +21,10 @@ constexpr int kMaxRounds = 10;
 // After this round, where the pose has moved by more than the keypoints' noise, the keypoints'
 // consensus is looked for again: at RANSAC's pose some found none, or a wrong one.
 constexpr int kRoundOfReinitialization = 1;
-// From this round on weights go a shrinking share of their way.
+// From this round on weights go a shrinking share of the way to their new values.
 constexpr int kFirstDampedRound = 3;
-// The squared lengths of steps, in standard deviations of the pose.
+// Squared lengths of steps, in standard deviations of the pose: a longer one than the first is
+// followed by another at once, a shorter one than the second may end the refinement.
 constexpr double kFarStep = 4;
 constexpr double kSettledStep = 0.01;
 // The refinement has settled when the information's logarithm, of six and more unknowns, changes by
@@ -36,7 +37,7 @@ constexpr size_t kEnoughKeypoints = 300;
 constexpr size_t kLeastStride = 4;
 constexpr int kRoundsAfterPart = 3;
 
-// Whether a step of the query is one that the linearization can be believed for.
+// Returns whether a step of the query is so small that the linearization holds.
 bool IsModest(const Eigen::Ref<const VectorXd>& step) {
   constexpr double kLargestRotation = 0.5;
   constexpr double kLargestFactor = 1;  // of the mean distance, as a logarithm
@@ -66,8 +67,8 @@ KeypointEvidence Thinned(const KeypointEvidence& evidence, size_t n) {
   return part;
 }
 
-// The evidence with the query's rays through a lens whose focal length is longer by this share:
-// their pixels' residuals are then those of QueryTermOf(). nullopt where nothing changes.
+// Returns the evidence with the query's rays through a lens whose focal length is longer by this
+// share, to first order (as kernels::QueryLanes has them); nullopt where nothing changes.
 std::optional<KeypointEvidence> WithFocalError(const KeypointEvidence& evidence,
                                                double focal_error) {
   if (focal_error == 0) return std::nullopt;
@@ -156,15 +157,16 @@ class JointRefinement {
   }
   // Finds each keypoint's point by voting, at the pose as it is.
   void InitializePoints(double keypoint_variance_px2);
-  // Whether the keypoints are elsewhere than where their points were initialized.
+  // Returns whether the query's pixels of the points have moved by more than the noise, root mean
+  // square, since the points were initialized.
   bool HasMovedFar() const;
 
   // Takes one Gauss-Newton step of all unknowns, and returns its squared length in standard
   // deviations (Newton's decrement); nullopt where there is none to take.
   std::optional<double> Step();
   void MoveQuery(const Eigen::Ref<const VectorXd>& step);
-  // Fills the normal equations. Those of a focal length that is known have no more than the others'
-  // gradient and Hessian.
+  // Fills the normal equations. With a known focal length only their gradient is filled (and the
+  // system's Hessian).
   void Linearize();
 
   // Returns what the focal length's error costs by its prior.
@@ -173,24 +175,24 @@ class JointRefinement {
     return 0.5 * sigmas * sigmas;
   }
   std::optional<FocalStep> StepOfFocal();
-  // The covariance of the query's unknowns, those of the references given; zero where there is
-  // none.
+  // Returns the covariance of the query's unknowns, those of the references given; zero where there
+  // is none.
   Matrix7d QueryCovariance() const;
   std::optional<Matrix6d> Covariance() const;
-  // The part that an uncertain focal length has in the pose's covariance. `factor` is the variance
-  // over the inverse Hessian's.
+  // Returns the part of the pose's covariance that is due to an uncertain focal length. `factor` is
+  // the variance over the inverse Hessian's.
   Matrix6d CovarianceByFocal(const SymmetricFactors& factors, double factor) const;
-  // The first six columns of the inverse Hessian.
+  // Returns the first six columns of the inverse Hessian.
   MatrixXd PoseColumns(const SymmetricFactors& factors) const {
     return factors.Solve(
         MatrixXd(MatrixXd::Identity(system_.num_columns(), system_.num_columns()).leftCols(6)));
   }
-  // The variance over the inverse Hessian's: the pixels' part of the Hessian is their information
-  // over StudentInformation().
+  // Returns the variance over the inverse Hessian's: the pixels' part of the Hessian is their
+  // information over StudentInformation().
   double VarianceFactor(const MatrixXd& pose_columns) const;
-  // The factor, at least 1, by which the pose's covariance (the first columns of the inverse
-  // Hessian) understates how far the cells of the image pull the pose apart: errors that the model
-  // does not know, of the lens for instance, are common to neighbors.
+  // Returns the factor, at least 1, by which the pose's covariance (the first columns of the
+  // inverse Hessian) understates how far the cells of the image pull the pose apart: errors that
+  // the model does not know, of the lens for instance, are common to neighbors.
   double Inflation(const MatrixXd& pose_columns) const;
 
   const KeypointEvidence& evidence_;
@@ -276,7 +278,7 @@ void JointRefinement::Linearize() {
   equations_ = system_.LinearizeWithFocal(pose_priors_, model_);
   const double information = 1 / (focal_sigma_ * focal_sigma_);
   equations_.slope += information * model_.focal_error;
-  // As of the pose's priors, by what the pixels' part is their information over.
+  // The prior's information is over StudentInformation(), as the pixels' part of the Hessian is.
   equations_.curvature += information / StudentInformation(model_.noise.keypoint_tail);
 }
 

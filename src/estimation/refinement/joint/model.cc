@@ -63,7 +63,7 @@ std::vector<size_t> BySize(const KeypointEvidence& evidence) {
 EvidenceBlocks::EvidenceBlocks(const KeypointEvidence& evidence)
     : places_(evidence.keypoints.size()),
       keypoints_((evidence.keypoints.size() + kLanes - 1) / kLanes) {
-  // As many slots as if all blocks were full, and some.
+  // There are as many slots as if all blocks were full, and some.
   observations_.reserve(evidence.observations.size() / kLanes + 64);
   unanchored_.reserve(evidence.unanchored.size() / kLanes + 16);
   size_t place = 0;

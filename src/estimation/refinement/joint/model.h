@@ -17,7 +17,7 @@
 
 namespace raylift {
 
-// What the matches of one query are worth: variances, and the shares of what is right.
+// The noise of one query's matches: variances, and the shares of what is right.
 struct JointNoise {
   // The squared scale and the tail of Student's t (student_t.h) of a keypoint's pixel, in either
   // image.
@@ -33,7 +33,7 @@ struct JointNoise {
   double right = 0.7;
   double depth_right = 0.8;
   double unanchored_right = 0.7;
-  // How many errors have shown the variances of pixels, depths and common depths.
+  // Numbers of errors from which the variances of pixels, depths and common depths were estimated.
   double keypoint_errors = 0;
   double depth_errors = 0;
   double common_depth_errors = 0;
@@ -41,7 +41,7 @@ struct JointNoise {
   double log_distance_mean = 0;
   double log_distance_variance = 1;
   // The variances of a reference's errors: of the logarithm of its depths' scale, and of its pose
-  // (radians and local units, per axis). 0: not looked for.
+  // (radians and local units, per axis). 0: not estimated.
   double reference_scale = 0;
   double reference_rotation = 0;
   double reference_center = 0;
@@ -49,7 +49,7 @@ struct JointNoise {
 
 // A keypoint in one image as the joint refinement sees it, and the densities that it compares.
 
-// The residual of a ray in an image, pixels, and how it moves with the ray.
+// The residual of a ray in an image, pixels, and its derivative by the ray.
 struct PixelResidual {
   bool in_front = false;
   Eigen::Vector2d error_px = Eigen::Vector2d::Zero();
@@ -79,8 +79,8 @@ inline double Normal2D(double squared, double variance) {
 // A first guess, at a given pose, of where on its ray each query keypoint lies, of which of its
 // matches agree on that, and of the noise.
 
-// The likeliest noise of depths and unanchored points, where they are compared with what the
-// observations alone say at this pose, and the distances' distribution.
+// Returns the likeliest noise of depths and unanchored points, compared with what the observations
+// alone say at this pose, and the distances' distribution.
 JointNoise InitializeNoise(const KeypointEvidence& evidence, const CamFromLocal& pose,
                            double keypoint_variance_px2);
 
@@ -90,8 +90,9 @@ JointNoise InitializeNoise(const KeypointEvidence& evidence, const CamFromLocal&
 
 using Matrix7d = Eigen::Matrix<double, 7, 7>;
 
-// The unknowns of a frame, by how they displace a point: by a rotation about the local
-// origin, and a translation. (Common to all frames of a point, so that one matrix serves them all.)
+// Returns the derivative (-[point]x, 1) of a point's displacement by a frame's unknowns: a rotation
+// about the local origin, and a translation. (They are common to all frames of a point, so that one
+// matrix serves them all.)
 Eigen::Matrix<double, 3, 6> DisplacementJacobian(const Eigen::Vector3d& point);
 
 // Evidence with less weight is left out.
@@ -142,7 +143,7 @@ class EvidenceBlocks {
   }
   const kernels::JointKeypoints& BlockAt(size_t block) const { return keypoints_[block]; }
   kernels::JointKeypoints& BlockAt(size_t block) { return keypoints_[block]; }
-  // The slot of the n-th observation, or unanchored point, of a block's keypoints.
+  // Return the slot of the n-th observation, or unanchored point, of a block's keypoints.
   const kernels::JointObservations& ObservationAt(size_t block, int n) const {
     return observations_[static_cast<size_t>(keypoints_[block].first_observation + n)];
   }
@@ -172,21 +173,22 @@ struct JointModel {
   CamFromLocal pose;
   JointNoise noise;
   EvidenceBlocks blocks;
-  // By which share the query's focal length is longer than the given one.
+  // The share by which the query's focal length is longer than the given one.
   double focal_error = 0;
-  std::vector<ReferenceError> references;  // and last of the unanchored points, as of one more
+  std::vector<ReferenceError> references;  // the last one is the unanchored points'
   bool have_references_errors = false;
   // The factor, at least 1, by which wrong matches with each reference are denser near epipolar
   // lines than anywhere in the image: those with the next window of a row lie near them.
   std::vector<double> epipolar_clutter;
-  // Of all matches, each as the others predict it, over that of uniform ones; set by EStep().
+  // Log likelihood of all matches, each as the others predict it, over that of uniform ones; set by
+  // EStep().
   double log_likelihood = 0;
 
   JointModel(const KeypointEvidence& of, const CamFromLocal& start)
       : evidence(of), pose(start), blocks(of), references(of.centers.size()) {}
 
   size_t UnanchoredFrame() const { return evidence.num_references(); }
-  // What the kernels take of all this; also tells the slots how their references err.
+  // Returns the parameters of the kernels, and writes the references' errors to the slots.
   kernels::JointParameters ForKernels();
 };
 
@@ -194,7 +196,7 @@ struct JointModel {
 // and how likely each piece is right there.
 void InitializeByVoting(JointModel& model);
 
-// How likely each piece of evidence of the joint refinement is right, and how noisy its kind is.
+// The E step: how likely each piece of evidence is right, and how noisy its kind is.
 
 // A variance that is known before, as if `count` errors had shown it.
 struct VariancePrior {
@@ -202,12 +204,12 @@ struct VariancePrior {
   double count = 0;
 };
 
-// The noise as it is known before the query's own evidence.
+// The prior of the noise, before the query's own evidence.
 struct NoisePrior {
   VariancePrior keypoint_px2, depth, common_depth;
   std::optional<TailPrior> keypoint_tail;
-  // Of references' errors (JointNoise::reference_scale and so on). References have unknowns from
-  // the beginning where one of them is known.
+  // Priors of references' errors (JointNoise::reference_scale and so on). References have unknowns
+  // from the beginning where one of them is known.
   VariancePrior reference_scale, reference_rotation, reference_center;
 
   bool KnowsReferences() const {
@@ -218,8 +220,8 @@ struct NoisePrior {
   }
 };
 
-// The squared error along the axis that is best predicted, over its variance. The covariance has a
-// positive determinant, however little is known along its other axis.
+// Returns the squared error along the axis that is best predicted, over its variance. The
+// covariance has a positive determinant, however little is known along its other axis.
 double SquaredAcross(const Eigen::Vector2d& error, const Eigen::Matrix2d& covariance);
 
 // Sets the model's weights by what all other evidence predicts (they go `share` of the way from

@@ -46,7 +46,7 @@ void AddDisplacedGradient(const Vector4d& v, const Vector3d& point, Segment&& se
   segment.template tail<4>() += v;
 }
 
-// A keypoint's symmetric matrix, and a vector, of a block.
+// Return a keypoint's symmetric matrix, and its vector, of a block.
 Matrix4d MatrixAt(const kernels::Row* rows, size_t lane) {
   Matrix4d matrix;
   for (int row = 0, i = 0; row < 4; ++row) {
@@ -63,7 +63,7 @@ Eigen::Matrix<double, N, 1> VectorAt(const kernels::Row* rows, size_t lane) {
   return vector;
 }
 
-// What an observation shows of its keypoint, as of the last linearization.
+// Returns the cost of an observation in its keypoint's unknowns, as of the last linearization.
 Quadratic CostAt(const kernels::JointObservations& slot, size_t lane) {
   Quadratic cost;
   const double weight = slot.pixel_weight[lane];
@@ -81,7 +81,7 @@ Quadratic CostAt(const kernels::JointObservations& slot, size_t lane) {
   return cost;
 }
 
-// What the unanchored points show of a keypoint.
+// Returns the cost of a keypoint's unanchored points.
 Quadratic UnanchoredCost(const JointModel& model, size_t keypoint) {
   Quadratic cost;
   const auto [block, lane] = model.blocks.LaneOf(keypoint);
@@ -99,7 +99,7 @@ Quadratic UnanchoredCost(const JointModel& model, size_t keypoint) {
   return cost;
 }
 
-// Whether anything tells of a keypoint's point, as of the last linearization.
+// Returns whether any evidence tells of a keypoint's point, as of the last linearization.
 bool IsUsed(const kernels::JointKeypoints& block, size_t lane) {
   return block.covariance[0][lane] > 0;
 }
@@ -273,7 +273,7 @@ void JointSystem::AddPosePriors(const JointModel& model, const NormalizedPriors&
   pose_priors.AddTo(model.pose, 1, of_cam);
   const Matrix6d to_cam = CamStepFromOwn(model.pose);
   gradient.head<6>() += to_cam.transpose() * of_cam.gradient;
-  // The pixels' cell of the Hessian is their information by that factor.
+  // The pixels' part of the Hessian is their information over StudentInformation(), and so is this.
   hessian_.topLeftCorner<6, 6>() +=
       to_cam.transpose() * of_cam.hessian * to_cam / StudentInformation(model.noise.keypoint_tail);
 }
@@ -358,10 +358,10 @@ void JointSystem::AddReferenceColumns(const JointModel& model) {
 
 void JointSystem::AddReferencePriors(const JointModel& model, VectorXd& gradient) {
   const JointNoise& noise = model.noise;
-  // An error that is not looked for is as good as none.
+  // The variance of an error that is not estimated is as good as 0.
   const double none2 = 1e-6 * AngleVariance(noise);
-  // A variance that is known is divided as those of the pose's priors are; one that is found is of
-  // this Hessian.
+  // The information of a known variance is over StudentInformation(), as that of the pose's priors
+  // is; an estimated variance is of this Hessian.
   const auto information_of = [&](const VariancePrior& known, double variance, double none) {
     const double unit = known.count > 0 ? StudentInformation(noise.keypoint_tail) : 1;
     return 1 / (std::max(variance, none) * unit);
@@ -373,7 +373,7 @@ void JointSystem::AddReferencePriors(const JointModel& model, VectorXd& gradient
   const double scale = information_of(prior_.reference_scale, noise.reference_scale, none2);
   for (size_t r = 0; r < column_.size(); ++r) {
     if (column_[r] < 0) continue;
-    // The center c is displaced by turn x c + shift.
+    // The center c is displaced by w x c + t.
     Matrix7d to_prior = Matrix7d::Identity();
     to_prior.block<3, 6>(3, 0) = DisplacementJacobian(evidence_.centers[r]);
     const ReferenceError& error = model.references[r];
@@ -390,7 +390,7 @@ void JointSystem::AddReferencePriors(const JointModel& model, VectorXd& gradient
 void JointSystem::UpdateReferenceVariances(const MatrixXd& covariance, JointModel& model) const {
   struct Sum {
     double squares = 0, count = 0;
-    // Where nothing is known, it is as if one more reference had shown `otherwise`.
+    // Estimates the variance; without a prior it is as if one more reference had shown `otherwise`.
     void Update(const VariancePrior& known, double otherwise, double& variance) const {
       if (variance == 0) return;  // not looked for
       const VariancePrior before = known.count > 0 ? known : VariancePrior{otherwise, 1};
@@ -418,7 +418,7 @@ void JointSystem::UpdateReferenceVariances(const MatrixXd& covariance, JointMode
     factor.count +=
         1 - explained(covariance(column_[r] + 6, column_[r] + 6), noise.reference_scale);
   }
-  // Errors of a tenth of a keypoint's, or of a depth's.
+  // Without a prior: errors of a tenth of a keypoint's direction, and of a depth.
   const double angle2 = 0.01 * AngleVariance(noise);
   rotation.Update(prior_.reference_rotation, angle2, noise.reference_rotation);
   center.Update(prior_.reference_center, angle2 * std::exp(2 * noise.log_distance_mean),

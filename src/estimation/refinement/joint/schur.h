@@ -22,8 +22,8 @@ namespace raylift {
 
 using Vector7d = Eigen::Matrix<double, 7, 1>;
 
-// Takes a rotation about the local origin and a translation before the pose to (w, v) after it, in
-// the camera's tangent frame.
+// Returns the matrix that takes a rotation about the local origin and a translation before the pose
+// to (w, v) after it, in the camera's tangent frame.
 Matrix6d CamStepFromOwn(const CamFromLocal& pose);
 
 class JointSystem {
@@ -50,19 +50,19 @@ class JointSystem {
   void MoveReferences(const Eigen::VectorXd& step, JointModel& model) const;
   void MovePoints(const Eigen::VectorXd& step, double focal_step, JointModel& model) const;
 
-  // Whether the residuals of whole references have a direction, by the score test: chi-squared with
-  // seven degrees of freedom each, if they are independent.
+  // Returns whether the residuals of whole references have a direction, by the score test:
+  // chi-squared with seven degrees of freedom each, if they are independent.
   bool ReferencesDisagree(const JointModel& model) const;
   // Gives the references that enough evidence speaks for columns of their own, if they have none.
-  // What is known of their errors is as large as that; the rest is as large as what single matches
-  // show, or nothing.
+  // The variances of their errors start at the known ones; unknown ones at what single matches
+  // show, or at 0.
   enum class UnknownErrors { kNone, kAsOfMatches };
   void AdmitReferenceErrors(UnknownErrors unknown, JointModel& model);
-  // `covariance` is the inverse Hessian.
+  // Estimates the variances of the references' errors anew; `covariance` is the inverse Hessian.
   void UpdateReferenceVariances(const Eigen::MatrixXd& covariance, JointModel& model) const;
 
  private:
-  // What a frame with columns shows of a keypoint, linearized.
+  // The cost of a keypoint in a frame that has columns, linearized.
   struct FrameTerm {
     int column;  // of the frame's first unknown
     Quadratic cost;
@@ -78,14 +78,14 @@ class JointSystem {
   // Hessian.
   void AddReferenceTerms(const JointModel& model, FocalLength focal_length, size_t keypoint,
                          const std::vector<FrameTerm>& terms, FocalEquations& equations);
-  // Tells the slots, and the parameters of the unanchored points, how references move.
+  // Writes the references' steps to the slots, and that of the unanchored points to `parameters`.
   void TakeReferenceSteps(const Eigen::VectorXd& step, JointModel& model,
                           kernels::JointParameters& parameters) const;
   void AddPosePriors(const JointModel& model, const NormalizedPriors& pose_priors,
                      Eigen::VectorXd& gradient);
   void AddReferencePriors(const JointModel& model, Eigen::VectorXd& gradient);
   void AddReferenceColumns(const JointModel& model);
-  // Of a keypoint's direction, radians.
+  // Returns the variance of a keypoint's direction, radians squared.
   double AngleVariance(const JointNoise& noise) const;
 
   const KeypointEvidence& evidence_;

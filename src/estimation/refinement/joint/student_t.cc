@@ -8,10 +8,10 @@
 namespace raylift {
 namespace {
 
-// Degrees of freedom that are told apart; after them the normal distribution.
+// The grid of degrees of freedom; the normal distribution comes after them.
 constexpr std::array kDegrees = {1, 2, 3, 4, 6, 8, 12, 20, 40};
 
-// Gamma((degrees + 1) / 2) / Gamma(degrees / 2).
+// Returns Gamma((degrees + 1) / 2) / Gamma(degrees / 2).
 double GammaRatio(int degrees) {
   const double root = std::sqrt(std::numbers::pi);
   double ratio = degrees % 2 == 1 ? 1 / root : root / 2;
@@ -19,7 +19,8 @@ double GammaRatio(int degrees) {
   return ratio;
 }
 
-// The log-likelihood in one dimension at the likeliest scale.
+// Returns the log-likelihood in one dimension at the likeliest squared scale, which replaces the
+// start `scale2`.
 double LogLikelihood(const std::vector<double>& squared, int degrees, double& scale2) {
   double sum = 0;
   for (int round = 0; round < 5; ++round) {
@@ -49,7 +50,7 @@ double EstimateTail(std::span<const double> squared_errors, const std::optional<
   if (!part.empty()) {
     mean = std::max(mean / static_cast<double>(part.size()), 1e-12);
     double scale2 = mean;
-    // From light tails to heavy ones, each scale from the one before.
+    // The grid goes from light tails to heavy ones, each scale starting from the one before.
     logs[kDegrees.size()] =
         -0.5 * static_cast<double>(part.size()) * (std::log(2 * std::numbers::pi * mean) + 1);
     for (size_t i = kDegrees.size(); i-- > 0;) logs[i] = LogLikelihood(part, kDegrees[i], scale2);
@@ -61,7 +62,7 @@ double EstimateTail(std::span<const double> squared_errors, const std::optional<
       logs[i] -= 0.5 * off * off / prior->variance;
     }
   }
-  // Each stands for the tails that are nearest to it.
+  // Each tail of the grid stands for those that are nearest to it.
   const double most = *std::max_element(logs.begin(), logs.end());
   double sum = 0;
   double weights = 0;

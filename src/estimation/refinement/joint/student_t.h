@@ -16,29 +16,29 @@ namespace raylift {
 
 inline constexpr double kAsGoodAsNormal = 1e-3;  // as a tail
 
-// The expected information of an error over the mean precision.
+// Returns the expected information of an error over the mean precision.
 inline double StudentInformation(double tail) { return (1 + 2 * tail) / (1 + 4 * tail); }
 
-// All but this share of the errors are nearer.
+// Returns the squared distance within which all but this share of the errors are.
 inline double StudentQuantile(double share_beyond, double tail) {
   return tail < kAsGoodAsNormal ? -2 * std::log(share_beyond)
                                 : (std::pow(share_beyond, -2 * tail) - 1) / tail;
 }
 
-// Three times as far (squared) as all but one in a hundred: such errors are no keypoint's noise,
-// and beyond what a linearization tells.
+// Returns three times the squared distance within which all but one in a hundred errors are: errors
+// beyond are no keypoint's noise, nor what a linearization tells.
 inline double StudentFar(double tail) { return 3 * StudentQuantile(0.01, tail); }
 
-// A tail as it is known before, by a normal distribution.
+// A normal prior of the tail.
 struct TailPrior {
   double mean, variance;
 };
 
-// At most twice as many errors tell the tail as well as all do.
+// The most errors that are used: some hundreds tell the tail as well as all do.
 inline constexpr size_t kErrorsOfTail = 300;
 
-// The tail by the squared errors along one axis, whose scale is unknown; its posterior mean, all
-// between 0 and 1 being as likely before but for the prior.
+// Returns the posterior mean of the tail by the squared errors along one axis, whose scale is
+// unknown; all tails between 0 and 1 are as likely before but for the prior.
 double EstimateTail(std::span<const double> squared_errors, const std::optional<TailPrior>& prior);
 
 // The sum of many logarithms, taken of their product: one logarithm for some dozens of factors.
