@@ -29,7 +29,7 @@ class ConfigReader {
       TomlTable table = *top.Table(name);
       for (const std::string& key : table.Keys()) Take(table, key);
     }
-    // Positional arguments first: an option of several values would take them for its own.
+    // Positional arguments come first, as an option of several values would take them for its own.
     std::vector<std::string> positionals, options;
     for (const auto& [name, values] : values_) {
       const OptionFacts option = *FindOption(command_, name);
@@ -98,7 +98,7 @@ bool Fits(const SceneFile& scene, const CLI::App& command, std::string_view opti
   if (name == "render" && option == "--model") return !IsGiven(command, "--cameras");
   const bool localizes = name == "localize" || name == "prepare" || name == "calibrate";
   if (localizes && option == "--ground-truth") return IsGiven(command, "--report");
-  // They are for the localization with every source, which needs matches.
+  // These options are for localizing with every source, which needs matches.
   const bool of_matches = option == "--queries" || option == "--ground-truth";
   return !(name == "compare" && of_matches) || IsGiven(command, "--features");
 }

@@ -1,4 +1,4 @@
-// Options from files: what `--config FILE` and `--scene FILE` add to the command line.
+// Options that `--config FILE` and `--scene FILE` add to the command line.
 
 #pragma once
 
@@ -12,29 +12,30 @@
 
 namespace raylift {
 
-// The file's options as arguments of the command, without those that `command`, already parsed, was
-// given on the command line. A key is an option's name without the dashes and stands at the top of
-// the file or, then only for this command, in a table of the command's name (which wins); tables of
-// other commands are passed over. Lists give repeated options, booleans set flags.
+// Returns the file's options as arguments of the command, without those that `command`, already
+// parsed, was given on the command line. A key is an option's name without the dashes and stands at
+// the top of the file or, then only for this command, in a table of the command's name (which
+// wins); tables of other commands are passed over. Lists give repeated options, booleans set flags.
 //
 //   threads = 4
 //   [localize]
 //   model = "sfm"
 //   geometry = ["mesh:scene.ply"]
 //
-// InputError with the line for anything else.
+// Throws InputError with the line for anything else.
 std::vector<std::string> ConfigArguments(const std::filesystem::path& file,
                                          const CLI::App& command);
 
-// `--scene`, which main reads before the command runs.
+// Adds `--scene`, which main reads before the command runs.
 void AddSceneOption(CLI::App& command);
 
-// What the scene says for the options that `command`, already parsed, was not given, as arguments.
-// Of several geometries the first is taken that the command can use.
+// Returns as arguments what the scene file says for the options that `command`, already parsed, was
+// not given. Of several geometries, takes the first that the command can use.
 std::vector<std::string> SceneArguments(const SceneFile& scene, const CLI::App& command);
 
-// Lets --geometry take the names of the scene's geometries, and leads earth-centered tiles to the
-// system `crs` of the world, unless that is empty. Before the command is parsed.
+// Lets --geometry take the names of the scene's geometries, and converts earth-centered tiles to
+// the coordinate system `crs` of the world, unless that is empty. To be called before the command
+// is parsed.
 void TakeGeometries(const SceneFile& scene, const std::string& crs, CLI::App& command);
 
 }  // namespace raylift

@@ -1,4 +1,4 @@
-// raylift calibrate: what is known of a scene, learned from its references and from queries.
+// raylift calibrate: learns the calibration of a scene from its references and from queries.
 
 #include <filesystem>
 #include <memory>

@@ -1,4 +1,4 @@
-// raylift color: vertex colors for a bare mesh, from photographs with poses.
+// raylift color: colors the vertices of a bare mesh from photographs with poses.
 
 #include <memory>
 
@@ -22,7 +22,8 @@ namespace {
 
 using std::filesystem::path;
 
-// Vertices whose distance the photographs resolve into more pixels lose what is to be matched.
+// Vertices that are farther apart than this in the photographs, in pixels, lose detail that
+// matching needs.
 constexpr double kCoarsePx = 3;
 constexpr double kMostTriangles = 5e8;
 
@@ -46,7 +47,7 @@ void Check(const ColorFlags& flags) {
   }
 }
 
-// Halving edges makes about that many.
+// Returns about how many triangles there are once edges are halved down to `max_edge`.
 double TrianglesAfterSplit(const TriangleMesh& mesh, double max_edge) {
   double count = 0;
   for (const auto& [a, b, c] : mesh.triangles) {

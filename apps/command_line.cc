@@ -50,7 +50,7 @@ std::string ShellQuoted(const std::string& text) {
   return quoted + "'";
 }
 
-// What AddedOption::Names() kept; empty where it was not called.
+// Returns the names that AddedOption::Names() kept; empty where it was not called.
 std::string KeptNames(CLI::Option& option) {
   try {
     return option.get_validator(0)->get_name();
@@ -94,7 +94,7 @@ const AddedOption& AddedOption::Type(const std::string& name) const {
   return *this;
 }
 const AddedOption& AddedOption::Names(const std::vector<std::string>& names) const {
-  // Refuses nothing, but is kept with the option.
+  // This validator refuses nothing; it keeps the names with the option.
   option_->check(CLI::Validator("").name(fmt::format("{}", fmt::join(names, "|"))));
   return *this;
 }

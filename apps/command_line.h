@@ -1,6 +1,6 @@
-// The options of a command, behind plain functions: CLI11, whose templates are dear to compile, is
-// seen by command_line.cc and program.cc alone. What a value cannot be is an OptionError, which
-// passes through CLI11: "--method = foo: expected p3p|...".
+// Adds options to commands through plain functions: only command_line.cc and program.cc include
+// CLI11, whose templates are slow to compile. An invalid value is an OptionError, which passes
+// through CLI11: "--method = foo: expected p3p|...".
 
 #pragma once
 
@@ -25,13 +25,13 @@ class Option;
 
 namespace raylift {
 
-// What is said of few options.
+// Settings that few options need.
 class AddedOption {
  public:
   explicit AddedOption(CLI::Option* option) : option_(option) {}
 
   const AddedOption& Required(bool required = true) const;
-  const AddedOption& OnePerUse() const;  // of several values, each is given by the option's name
+  const AddedOption& OnePerUse() const;  // each of several values is given with the option's name
   const AddedOption& Commas() const;     // values are separated by commas
   const AddedOption& Default(const std::string& text) const;  // for help and options.json
   const AddedOption& Type(const std::string& name) const;
@@ -42,7 +42,7 @@ class AddedOption {
   CLI::Option* option_;
 };
 
-// What an option may hold beside names of an enum (NamedValue).
+// The types of an option's value, besides enums (NamedValue).
 template <typename T, typename... Types>
 inline constexpr bool kIsOneOf = (std::is_same_v<T, Types> || ...);
 template <typename T>
@@ -50,29 +50,30 @@ concept OptionValue = kIsOneOf<T, int, uint64_t, double, std::string, std::files
                                std::optional<int>, std::optional<double>, std::vector<std::string>,
                                std::vector<std::filesystem::path>, std::vector<double>>;
 
-// Adds options to a group of a command's. The variables outlive the command; what they hold is the
-// default.
+// Adds options to a group of the command's options. The variables outlive the command; their values
+// are the defaults.
 class OptionGroup {
  public:
   explicit OptionGroup(CLI::App& command, std::string name = "Options")
       : command_(command), name_(std::move(name)) {}
 
   AddedOption Flag(const std::string& name, bool& value, const std::string& help) const;
-  // Prints the text and ends the program.
+  // Adds a flag that prints the text and ends the program.
   AddedOption Print(const std::string& name, std::string (*text)(), const std::string& help) const;
 
   template <OptionValue Value>
   AddedOption Add(const std::string& name, Value& value, const std::string& help) const;
   // "{}" in the help stands for the list of names.
   AddedOption Add(const std::string& name, const NamedValue& value, const std::string& help) const;
-  // Of any table: "--" and dashes for underscores make the option's name.
+  // Adds an option for each field of a table: its name is "--" and the field's, with dashes for
+  // underscores.
   void Add(std::span<const Field> fields) const;
 
-  // `take` gets the option's text.
+  // Calls `take` with the option's text.
   AddedOption AddText(const std::string& name, const std::string& help,
                       const std::function<void(const std::string& text)>& take,
                       const std::string& default_text = "") const;
-  // A value, or an optional one, that `parse` makes of the option's name and text.
+  // Sets `value`, which may be optional, to what `parse` makes of the option's name and text.
   template <typename Value, typename Parse>
   AddedOption AddParsed(const std::string& name, Value& value, Parse parse, const std::string& help,
                         const std::string& default_text = "") const {
@@ -80,7 +81,7 @@ class OptionGroup {
         name, help, [name, &value, parse](const std::string& text) { value = parse(name, text); },
         default_text);
   }
-  // Values of an enum, separated by commas.
+  // Reads values of an enum, separated by commas.
   template <NamedEnum Enum>
   AddedOption AddList(const std::string& name, std::vector<Enum>& values,
                       const std::string& help) const {
@@ -102,7 +103,8 @@ class OptionGroup {
   std::string name_;
 };
 
-// The index of the name; throws OptionError, with the likeliest name, where it is none of them.
+// Returns the index of the name; throws OptionError, which suggests the likeliest name, where it is
+// none of them.
 size_t ParseName(std::string_view option, std::string_view text,
                  const std::vector<std::string>& names);
 template <NamedEnum Enum>
@@ -111,7 +113,7 @@ Enum ParseEnum(std::string_view option, std::string_view text) {
 }
 double ParsePositive(std::string_view option, const std::string& text);
 
-// "name: description" of each value, a line each.
+// Returns "name: description" of each value, one per line.
 template <NamedEnum Enum>
 std::string Descriptions() {
   std::string lines;
@@ -140,10 +142,11 @@ struct OptionFacts {
 };
 std::optional<OptionFacts> FindOption(const CLI::App& command, const std::string& option);
 bool IsGiven(const CLI::App& command, const std::string& option);
-// What was given, as it stands in the command line; empty where nothing was.
+// Returns the text that the option was given, as on the command line; empty where it was not given.
 std::string GivenText(const CLI::App& command, const std::string& option);
 
-// Lets the values of an option, where the command has it, stand for others. Before it is parsed.
+// Replaces the values of an option, where the command has it, by their translations. To be called
+// before the command is parsed.
 void Translate(CLI::App& command, const std::string& option,
                std::function<std::string(const std::string&)> translation);
 
@@ -151,17 +154,17 @@ void Translate(CLI::App& command, const std::string& option,
 // the largest unsigned number.
 void CheckNumbers(CLI::App& command);
 
-// What each option of a command takes, by its name without dashes: "FLAG", "INT", "UINT", "FLOAT",
-// "TEXT" or, where that is all, names ("keep|merge|triangulate"); " ..." follows where it may be
-// repeated.
+// Returns the kind of value that each option of a command takes, by its name without dashes:
+// "FLAG", "INT", "UINT", "FLOAT", "TEXT" or, where it takes only names, these
+// ("keep|merge|triangulate"); " ..." follows where it may be repeated.
 std::map<std::string, std::string> KindsOfOptions(CLI::App& command);
 
-// "raylift COMMAND --option value ..." of all options that were given, also by files, as a shell
-// takes it.
+// Returns "raylift COMMAND --option value ..." with all options that were given, also by files,
+// quoted for a shell.
 std::string CommandLine(const CLI::App& command);
 
-// The options of a command with the values in effect, as JSON, for `options.json`: numbers and
-// booleans as such, null where an option has no value.
+// Returns the options of a command with the values in effect, as JSON, for `options.json`: numbers
+// and booleans as such, null where an option has no value.
 std::string EffectiveOptionsJson(const CLI::App& command);
 
 }  // namespace raylift

@@ -15,7 +15,7 @@ struct Command {
   std::function<void()> run;
 };
 
-// Each adds its subcommand to the program.
+// Each function adds its command to the program.
 Command AddLocalizeCommand(CLI::App& program);
 Command AddDoctorCommand(CLI::App& program);
 Command AddEstimateCommand(CLI::App& program);
@@ -40,8 +40,8 @@ Command AddQueriesCommand(CLI::App& program);
 Command AddPrepareCommand(CLI::App& program);
 Command AddServeCommand(CLI::App& program);
 
-// The results from the cells of shards that had folders of their own; `parts` are their manifests.
-// Throws Interrupted where cells are missing.
+// Writes the results of an experiment whose shards had folders of their own; `parts` are their
+// manifests. Throws Interrupted where cells are missing.
 void MergeExperiment(const std::filesystem::path& out,
                      const std::vector<std::filesystem::path>& parts);
 

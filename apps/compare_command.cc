@@ -1,4 +1,4 @@
-// raylift compare: several sources of geometry side by side.
+// raylift compare: compares several sources of geometry side by side.
 
 #include <algorithm>
 #include <cstdio>
@@ -45,8 +45,8 @@ namespace {
 
 using std::filesystem::path;
 
-// An image's maps and those of its neighbors, for two threads: more would only grow with the
-// scene.
+// Returns the bytes of the depth maps of an image and its neighbors, for two threads: a larger
+// cache would only grow with the scene.
 size_t CacheBytes(std::span<const PosedImage> images) {
   constexpr size_t kMaps = 24;
   size_t pixels = 1;
@@ -81,7 +81,7 @@ struct CompareFlags {
   JobFlags running;  // not shared
   RunFlags run;
 
-  // Where what is done is kept; empty: nowhere.
+  // Returns the folder that keeps what is done; empty where nothing is kept.
   const path& Folder() const { return out.empty() ? report : out; }
 
   DepthRange Range() const {
@@ -91,10 +91,10 @@ struct CompareFlags {
   }
 };
 
-// Tells that a run is finished.
+// The file that is written last tells that a run is finished.
 constexpr const char* kWrittenLast = "options.json";
 
-// The localization of queries as a job's tasks.
+// Returns the form of the job whose tasks are the localizations of queries.
 JobForm CompareJobForm() {
   return {.results = {kWrittenLast, "comparison.json", "sources.csv", "images.csv", "curves.csv",
                       "localization.csv", "localization.json", "index.html"},
@@ -109,7 +109,7 @@ struct NamedSpec {
   std::string spec;
 };
 
-// "name=SPEC"; without a name, the specification is its own.
+// Parses "name=SPEC"; without a name, the specification is its own.
 NamedSpec ParseNamedSpec(const std::string& text) {
   const size_t equals = text.find('=');
   const bool is_named = equals != std::string::npos && equals < text.find_first_of(":,");
@@ -189,7 +189,7 @@ LocalizationGrid ParseGrid(const CompareFlags& flags) {
   return grid;
 }
 
-// The references and all sources.
+// Opens the references and all sources.
 Scene OpenSceneOf(const CompareFlags& flags) {
   Scene scene = OpenScene(flags.references.Scene(flags.images, {}, flags.run.threads));
   PrintWarnings(scene.warnings);
@@ -315,7 +315,7 @@ class CompareRun {
     WriteFile(folder / "comparison.json", FormatComparisonJson(comparison));
   }
 
-  // From now on there is a manifest, and nothing else of a former run that is overwritten.
+  // Begins the manifest: from now on nothing else is left of a former run that is overwritten.
   void OpenJob(const std::string& options_json) {
     const std::vector<std::string> names = NamesOf(std::span(queries_).first(NumTasks()));
     job_ = std::make_unique<TaskJob>(names, Header(options_json),
@@ -323,7 +323,7 @@ class CompareRun {
     job_->Begin(std::nullopt);
   }
 
-  // The queries that are localized.
+  // Returns the number of queries that are localized.
   size_t NumTasks() const { return flags_.ground_truth.empty() ? 0 : queries_.size(); }
 
   std::string Header(const std::string& options_json) const {

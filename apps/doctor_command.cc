@@ -1,4 +1,4 @@
-// raylift doctor: is a scene's input read as it was meant?
+// raylift doctor: checks whether a scene's input is read as it was meant.
 
 #include <cstdio>
 #include <memory>
@@ -39,7 +39,8 @@ struct DoctorFlags {
   RunFlags run;
 };
 
-// Without queries the references are matched with each other.
+// Returns whether the queries are the references: without queries these are matched with each
+// other.
 RetrievalFlags::Queries QueriesAre(const DoctorFlags& flags) {
   return flags.queries.empty() ? RetrievalFlags::Queries::kReferences
                                : RetrievalFlags::Queries::kOwn;
@@ -155,7 +156,7 @@ void Print(const Diagnosis& diagnosis, const DepthAlignment& alignment) {
                100 * evidence.share_within_5px, evidence.median_own_scale_px, evidence.gain,
                evidence.sigmas, DescribeDifference(diagnosis.as_read, evidence.convention));
   }
-  // Of what is read otherwise than it was meant, no factors are to be told.
+  // Factors of depth mean nothing where the input is misread.
   if (!diagnosis.suspicious()) {
     fmt::print("--align-depth auto: the depth {}{}\n",
                alignment.mode == AlignMode::kOff ? "" : "is corrected ", Describe(alignment));

@@ -1,4 +1,4 @@
-// raylift estimate: pose problems in, poses out. Needs no geometry.
+// raylift estimate: estimates the poses of pose problems, which needs no geometry.
 
 #include <algorithm>
 #include <atomic>
@@ -44,7 +44,7 @@ struct EstimateFlags {
   RunFlags run;
   JobFlags running;
 
-  // OptionError for what the options alone can tell.
+  // Throws OptionError for what the options alone can tell.
   void Check() const {
     RequireAtLeast("--repeat", repeat, 1);
     run.Check();
@@ -57,7 +57,7 @@ struct EstimateFlags {
   }
 
  private:
-  // Its results would be problems, too, the next time.
+  // Refuses --out below the folder of problems: its results would be problems, too, the next time.
   void RefuseOutBelow(const path& folder) const {
     if (out.empty() || !IsFolder(folder)) return;
     const path whole = std::filesystem::weakly_canonical(out);
@@ -89,7 +89,7 @@ PoseProblem ReadFiltered(const path& file, const FilterOptions& filter) {
   return problem;
 }
 
-// What some 30 of the problems have in common, the same ones whatever their order.
+// Learns the noise that some 30 of the problems have in common, the same ones whatever their order.
 std::optional<SceneNoise> LearnSceneNoise(std::vector<ProblemFile> files,
                                           const EstimateFlags& flags, const FilterOptions& filter,
                                           const EstimatorOptions& options) {
@@ -101,7 +101,7 @@ std::optional<SceneNoise> LearnSceneNoise(std::vector<ProblemFile> files,
       flags.run.threads);
 }
 
-// The estimate, and the median time of `repeat` runs, which all give the same.
+// Returns the estimate, and the median time of `repeat` runs, which all give the same estimate.
 EstimateRow Estimate(const PoseEstimator& estimator, Method method, const ProblemFile& file,
                      const FilterOptions& filter, int repeat) {
   const PoseProblem problem = ReadFiltered(file.file, filter);
@@ -116,7 +116,7 @@ EstimateRow Estimate(const PoseEstimator& estimator, Method method, const Proble
   return MakeEstimateRow(problem.name, file.name, method, estimate, times_ms[times_ms.size() / 2]);
 }
 
-// One command's work; with --out, as a job.
+// The work of one command; with --out, it is a job.
 class EstimateRun {
  public:
   EstimateRun(const EstimateFlags& flags, const std::string& options_json)
@@ -157,7 +157,8 @@ class EstimateRun {
   }
 
  private:
-  // What a localizer makes of a scene's calibration; the problems' depth is corrected already.
+  // Takes the options that a localizer makes of a scene's calibration; the problems' depth is
+  // corrected already.
   void TakeCalibration() {
     Scene scene;
     scene.calibration = ReadSceneCalibration(flags_.scene_calibration);
@@ -198,7 +199,7 @@ class EstimateRun {
     return true;
   }
 
-  // As tasks.
+  // Returns the names of the tasks. Throws InputError where two files have the same name.
   std::vector<std::string> Names() const {
     std::vector<std::string> names;
     std::set<std::string> distinct;
@@ -227,7 +228,7 @@ class EstimateRun {
                      {"problems", "csv", "json", "poses", "scene-calibration"}, inputs);
   }
 
-  // Of these files, until a signal; returns how many it has left.
+  // Estimates the poses of these files until a signal; returns how many files are left.
   size_t Estimate(const std::vector<size_t>& places,
                   const std::function<void(size_t, EstimateRow)>& on_row) {
     if (flags_.scene_calibration.empty()) {

@@ -48,7 +48,8 @@ TableRow CsvFields(const EstimateRow& row) {
   return fields;
 }
 
-// The row of a manifest's line. An exception of the library's where it holds none.
+// Returns the row of a manifest's line. Throws InputError or an exception of the JSON library where
+// it holds none.
 EstimateRow RowOf(const std::string& line) {
   EstimateRow row = EstimateRow::parse(line).at("estimate");
   CsvFields(row);
@@ -162,7 +163,7 @@ void WriteEstimates(const path& out, std::span<const EstimateRow> rows) {
   std::vector<EstimateRow> timeless(rows.begin(), rows.end());
   std::string timing;
   for (EstimateRow& row : timeless) {
-    if (!row.contains(kTime)) continue;  // of a run that was complete
+    if (!row.contains(kTime)) continue;  // from a run that was complete
     timing += JsonText(EstimateRow{{"name", row.at("file")}, {"milliseconds", row[kTime]}}) + '\n';
     row.erase(kTime);
   }

@@ -1,4 +1,4 @@
-// raylift evaluate: estimated poses against the ground truth.
+// raylift evaluate: compares estimated poses with the ground truth.
 
 #include <cstdio>
 #include <map>
@@ -65,7 +65,7 @@ void Check(const EvaluateFlags& flags) {
   flags.run.Check();
 }
 
-// APE and RPE of all results, printed and written.
+// Prints and writes the APE and RPE of all results.
 void EvaluateTrajectories(const EvaluateFlags& flags, const std::vector<std::string>& names,
                           const std::vector<TimedName>& order, const PosesByName& ground_truth,
                           const std::vector<PosesByName>& estimated) {
@@ -83,7 +83,7 @@ void EvaluateTrajectories(const EvaluateFlags& flags, const std::vector<std::str
   if (!flags.run.quiet) fmt::print("{}", FormatTrajectoryText(trajectories));
 }
 
-// Tells what is wrong with each file; InputError at the end where anything is.
+// Prints what is wrong with each file; throws InputError at the end where anything is.
 void CheckSubmissions(const EvaluateFlags& flags) {
   const std::vector<std::string> names = NamesOf(ReadQueryList(flags.queries));
   std::vector<Eigen::Vector3d> centers;
@@ -112,7 +112,7 @@ void CheckSubmissions(const EvaluateFlags& flags) {
   }
 }
 
-// Per query and result; shares of the diagonal in percent.
+// Returns the DCRE of each query of each result as CSV; shares of the diagonal in percent.
 std::string FormatDcreCsv(const std::vector<std::string>& names,
                           const std::vector<std::vector<DcreQuery>>& results) {
   std::string text = "result,query,has_depth,points,mean_percent,max_percent\n";
@@ -130,7 +130,7 @@ std::string FormatDcreCsv(const std::vector<std::string>& names,
   return text;
 }
 
-// The dense errors of all results, printed and written.
+// Prints and writes the dense errors of all results.
 void EvaluateDense(const EvaluateFlags& flags, const std::vector<std::string>& names,
                    const PosesByName& ground_truth, const std::vector<PosesByName>& estimated) {
   const std::vector<PosedImage> views = ReadPosedQueries(flags.ground_truth, flags.queries);
@@ -152,7 +152,7 @@ void EvaluateDense(const EvaluateFlags& flags, const std::vector<std::string>& n
   fmt::print("{}", FormatDcreText(summaries));
 }
 
-// How well the covariances fit that localize has written beside the poses.
+// Returns how well the covariances that localize has written beside the poses fit the true errors.
 Calibration CalibrationOf(const path& poses_file, const PosesByName& estimated,
                           const PosesByName& ground_truth) {
   std::map<std::string, Eigen::Matrix<double, 6, 6>> covariances;
@@ -168,7 +168,7 @@ Calibration CalibrationOf(const path& poses_file, const PosesByName& estimated,
   return Calibrate(poses);
 }
 
-// Each result, and after it the same for each group of queries.
+// Returns each result, followed by the same for each group of queries.
 std::vector<ResultSummary> WithGroups(const std::vector<ResultSummary>& results,
                                       const PosesByName& ground_truth,
                                       const std::vector<PosesByName>& estimated,
@@ -188,7 +188,7 @@ std::vector<ResultSummary> WithGroups(const std::vector<ResultSummary>& results,
   return rows;
 }
 
-// The page, and the table beside it.
+// Writes the page, and the table beside it.
 void WriteReport(const EvaluateFlags& flags, const std::vector<Threshold>& thresholds,
                  const PosesByName& ground_truth, const std::vector<PosesByName>& estimated,
                  const std::vector<ResultSummary>& summaries, const ResultTable& table) {

@@ -1,4 +1,4 @@
-// raylift experiment: a file that describes a grid in, its tables out.
+// raylift experiment: runs a grid that a file describes, and writes its tables.
 
 #include <cstdlib>
 #include <filesystem>
@@ -43,7 +43,7 @@ struct ExperimentFlags {
   JobFlags running;
 };
 
-// --set first, then --datasets, then the environment.
+// Returns a lookup of variables: --set first, then --datasets, then the environment.
 VariableLookup Variables(const ExperimentFlags& flags) {
   std::map<std::string, std::string> known;
   if (!flags.datasets.empty()) known["DATASETS"] = std::filesystem::absolute(flags.datasets);
@@ -86,7 +86,7 @@ class ExperimentRun {
         cells_folder_(flags.out / "cells"),
         store_(cells_folder_) {}
 
-  // What would be done, and what is missing for it.
+  // Prints what would be done, and what is missing for it.
   void List() const {
     const std::vector<path> missing = MissingInputs(experiment_, estimated_);
     for (const Setting& setting : settings_) fmt::print("{}\n", setting.Name());
@@ -114,7 +114,7 @@ class ExperimentRun {
     job.Begin(std::nullopt);
     WriteFile(flags_.out / "options.json", OptionsOfResults(options_json));
     const size_t estimated = Estimate(cells, folder.shard, job);
-    job.Whole();  // whether what was estimated is there
+    job.Whole();  // throws where what was estimated is gone
     const bool complete = folder.shard.IsAll() || Undone(cells).empty();
     if (!folder.shard.IsAll() && !flags_.run.quiet) {
       fmt::print("shard {}/{} of {} cells: {} estimated now{}\n", folder.shard.index,
@@ -131,7 +131,7 @@ class ExperimentRun {
     }
   }
 
-  // With the cells of the parts, which must be all.
+  // Writes the results from the cells of the parts, which must be all.
   void Merge(const std::string& options_json, const std::vector<path>& parts) const {
     const std::vector<Cell> cells = ListCells(experiment_, estimated_);
     const std::string header = Header(options_json, cells);
@@ -199,7 +199,7 @@ class ExperimentRun {
     return undone;
   }
 
-  // How many of the shard's cells were not there.
+  // Estimates the shard's cells that are not done; returns how many.
   size_t Estimate(const std::vector<Cell>& cells, const Shard& shard, TaskJob& job) const {
     std::map<std::string, size_t> place_of_key;
     std::vector<Cell> undone;
@@ -274,7 +274,7 @@ class ExperimentRun {
   CellStore store_;
 };
 
-// As the options.json of a run has them, but for --out and how the work was shared. Throws
+// Reads the flags of a run from its options.json, but for --out and how the work was shared. Throws
 // InputError where it is no such file.
 ExperimentFlags ReadExperimentFlags(const path& options_json) {
   try {

@@ -1,4 +1,4 @@
-// raylift export: the poses of a run of localize in the formats of others.
+// raylift export: writes the poses of a run of localize in the formats of other programs.
 
 #include <algorithm>
 #include <cmath>
@@ -117,7 +117,8 @@ std::string NameIn(NameForm form, const std::string& name) {
   return folder == std::string::npos ? name : name.substr(folder + 1);
 }
 
-// That of the world itself where it is on a map, else the zone of the position.
+// Returns the world's own coordinate system where that is projected, else the UTM zone of the
+// position.
 Crs UtmZoneOf(const WorldFrame& world, const EarthFrame& earth, const Eigen::Vector3d& position) {
   if (world.crs.kind() == CrsKind::kProjected) return world.crs;
   const Eigen::Vector3d at = earth.At(position).geographic;
@@ -247,7 +248,7 @@ class Export {
     }
   }
 
-  // The first of the geometries that is one; null where there is none.
+  // Returns the first geometry that is a mesh; null where there is none.
   std::shared_ptr<const RayCaster> Mesh() const {
     for (const std::string& spec : InWorld(run_.geometry, run_.world)) {
       if (!IsMeshSpec(spec)) continue;
@@ -276,7 +277,7 @@ class Export {
     WritePoseFile(flags_.out, poses);
   }
 
-  // By --times, else as the names say, else counted.
+  // Returns the times of --times, else those that the names say, else counts.
   std::vector<double> Times() {
     std::vector<double> times;
     if (!flags_.times.empty()) {

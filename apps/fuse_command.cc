@@ -1,4 +1,4 @@
-// raylift fuse: the depth of all references as one mesh.
+// raylift fuse: fuses the depth of all references into one mesh.
 
 #include <cstddef>
 #include <filesystem>
@@ -45,7 +45,7 @@ struct FuseFlags {
   bool no_colors = false;
   RunFlags run;
 
-  // Whether references can be matched with each other, by which depth is corrected.
+  // Returns whether references can be matched with each other, by which depth is corrected.
   bool HaveMatches() const {
     return !images.empty() || matching.hloc.Any() || references.HaveFeatures();
   }
@@ -78,7 +78,7 @@ void Check(const FuseFlags& flags) {
   }
 }
 
-// With its depth corrected as localize would.
+// Returns the scene with its depth corrected as localize would.
 Scene WithCorrectedDepth(const FuseFlags& flags, const Scene& scene) {
   if (!flags.scene_calibration.empty()) {
     return Calibrated(scene, ReadSceneCalibration(flags.scene_calibration));

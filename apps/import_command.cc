@@ -1,4 +1,4 @@
-// raylift import: a data set of the field in, a scene file out.
+// raylift import: writes a scene file for a data set of the field.
 
 #include <cstdio>
 

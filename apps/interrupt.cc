@@ -42,7 +42,7 @@ void Handle(std::initializer_list<int> signals, void (*handler)(int), int flags)
 SignalGuard::SignalGuard() {
   stop_wanted = false;
   if (CallWatch::Current() != nullptr) return;
-  // SA_RESETHAND: a second signal has its usual effect.
+  // SA_RESETHAND gives a second signal its usual effect.
   Handle({SIGINT, SIGTERM}, &OnSignal, SA_RESTART | static_cast<int>(SA_RESETHAND));
   Handle({SIGALRM}, &OnAlarm, 0);
 }

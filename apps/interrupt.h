@@ -1,4 +1,5 @@
-// SIGINT and SIGTERM as a wish to stop soon: long commands finish what they have in hand.
+// Turns SIGINT and SIGTERM into a request to stop soon: long commands finish what they have in
+// hand.
 
 #pragma once
 
@@ -9,17 +10,17 @@
 
 namespace raylift {
 
-// A command was stopped by a signal and has left all in order, or else found that work is left.
-// Exit code 4.
+// Thrown where a signal stopped a command, which has left all files in order, or where work is
+// left. Exit code 4.
 class Interrupted : public std::runtime_error {
  public:
   explicit Interrupted(const std::string& message) : std::runtime_error(message) {}
 };
 
-// While one exists, the first signal sets stop(); a second one ends the program at once. So does
-// the end of 4 s in which the first one was not heeded, as in the midst of a large file: with its
-// exit code, and as outputs appear when they are whole, what is there is good. Where the call is
-// watched (base/parallel.h), signals are the watcher's.
+// While one exists, the first signal sets stop() and a second one ends the program at once. The
+// program also ends, with exit code 4, where the first signal is not heeded within 4 s, as in the
+// midst of a large file; what is written by then is good, as outputs appear only when they are
+// whole. Where the call is watched (base/parallel.h), signals are left to the watcher.
 class SignalGuard {
  public:
   SignalGuard();
@@ -30,12 +31,12 @@ class SignalGuard {
   static const std::atomic<bool>& stop();
 };
 
-// Does work that a signal ends before it or between two items of its loops. Throws Interrupted with
-// what `message` then says.
+// Does work that a signal ends before it begins or between two iterations of its loops. Throws
+// Interrupted with the text of `message` then.
 void UntilSignal(const std::function<void()>& work, const std::function<std::string()>& message);
-// Work that leaves nothing to go on with: what comes before the first task,
+// Does work that comes before the first task, after which there is nothing to resume.
 void UntilSignal(const std::function<void()>& work);
-// and, as `message`, a whole command.
+// Returns the message of a whole command that cannot be resumed.
 std::string BeginsAnew();
 
 }  // namespace raylift

@@ -1,5 +1,5 @@
-// raylift status, merge and verify: how far the jobs of a folder are, their results from shards,
-// and whether the files of a run are still as they were written.
+// raylift status, merge and verify: print how far the jobs of a folder are, merge the results of
+// shards, and check that the files of a run are still as they were written.
 
 #include <algorithm>
 #include <memory>
@@ -62,7 +62,7 @@ struct MergeFlags {
   std::vector<path> parts;
 };
 
-// The manifests of OUT and of all parts, which are folders or manifests.
+// Returns the manifests of OUT and of all parts, which are folders or manifests.
 std::vector<path> FilesOf(const MergeFlags& flags) {
   std::vector<path> files = ListManifests(flags.out);
   for (const path& part : flags.parts) {
@@ -89,7 +89,7 @@ Header ReadHeader(const path& file) {
   return {json.at("command").get<std::string>(), json.at("tasks").get<size_t>()};
 }
 
-// JSON holds names as UTF-8, the list of queries need not.
+// Throws InputError for a name that is not UTF-8, which JSON needs and a list of queries does not.
 void RequireNames(std::span<const QueryRecord> records) {
   constexpr std::string_view kReplacement = "\xEF\xBF\xBD";
   for (const QueryRecord& record : records) {
@@ -101,7 +101,7 @@ void RequireNames(std::span<const QueryRecord> records) {
   }
 }
 
-// What each shard has in its folder, the same for all.
+// Copies a file that each shard has in its folder, the same for all.
 void TakeFile(const std::string& name, const path& out, std::span<const path> files) {
   for (const path& file : files) {
     const path part = file.parent_path() / name;
@@ -111,7 +111,7 @@ void TakeFile(const std::string& name, const path& out, std::span<const path> fi
   }
 }
 
-// Whether a run of localize with these options had a walk.
+// Returns whether a run of localize with these options had a walk.
 bool HasOdometry(const path& options) {
   if (!Exists(options)) return false;
   const auto json = nlohmann::json::parse(ReadFile(options), nullptr, /*allow_exceptions=*/false);
@@ -119,7 +119,7 @@ bool HasOdometry(const path& options) {
   return odometry != json.end() && odometry->is_string() && *odometry != "";
 }
 
-// The parts of one run that is complete.
+// Merges the parts of one run that is complete.
 class Merger {
  public:
   explicit Merger(const MergeFlags& flags)
@@ -141,7 +141,8 @@ class Merger {
   }
 
  private:
-  // `tasks` names them. Throws Interrupted where some are not done.
+  // Returns the manifests of all parts as one; `tasks` is the name of tasks in the message. Throws
+  // Interrupted where some are not done.
   TaskManifest ReadAll(const JobForm& form, std::string_view tasks) const {
     TaskManifest all = ReadTaskManifests(files_, form.is_readable, out_);
     if (all.records.size() >= header_.tasks) {

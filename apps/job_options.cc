@@ -84,7 +84,7 @@ std::string ModelFingerprint(const path& folder) {
   return HexText(HashBytes64(text));
 }
 
-// "KIND:PATH,key=value"
+// Returns PATH of "KIND:PATH,key=value".
 path PathOfSpec(const std::string& spec) {
   const size_t begin = std::min(spec.find(':'), spec.size() - 1) + 1;
   return spec.substr(begin, spec.find(',', begin) - begin);

@@ -1,5 +1,5 @@
-// Long commands that go on where they were, and share their work with other machines: their
-// options, and what their results depend on, as their manifests begin with it.
+// Options of long commands that resume where they were and share their work with other machines,
+// and the header of their manifests, which says what their results depend on.
 
 #pragma once
 
@@ -26,42 +26,43 @@ struct JobFlags {
 
   // Throws OptionError.
   void Check() const;
-  // By the environment, where that is asked for. Throws OptionError.
+  // Returns the shard, by the environment where that is asked for. Throws OptionError.
   Shard Resolve() const;
-  // The job that these make of a run to `out`.
+  // Returns the job that these options make of a run to `out`.
   JobFolder In(const std::filesystem::path& out) const;
 };
 
-// Throws Interrupted where tasks are left, which `tasks` names.
+// Throws Interrupted where tasks are left; `tasks` is their name in the message.
 void RequireNoneLeft(size_t left, std::string_view tasks);
 
-// Of commands that keep nothing to go on with: whether a finished run may be replaced.
+// Adds --overwrite, which lets a finished run be replaced, to a command that cannot be resumed.
 void AddOverwriteOption(CLI::App& command, bool& overwrite);
-// OptionError where `file`, which a run writes last, is there.
+// Throws OptionError where `file`, which a run writes last, exists, unless `overwrite` is set.
 void RefuseFinished(const std::filesystem::path& file, bool overwrite);
 
-// `resume` and `overwrite` are the helps of these options.
+// Adds --resume, --overwrite and --shard; `resume` and `overwrite` are the help texts of the first
+// two.
 void AddJobOptions(CLI::App& command, JobFlags& flags, const std::string& resume,
                    const std::string& overwrite);
 
-// JSON: `options`, as EffectiveOptionsJson() gives them, without those of `needless` and those of
-// all commands that change no result or say where something is; and `inputs`, fingerprints that
-// stand for paths, so that the same run may go on on another machine.
+// Returns the header of a manifest, JSON: `options`, as EffectiveOptionsJson() gives them, without
+// those of `needless` and those of all commands that change no result or say where something is;
+// and `inputs`, fingerprints in place of paths, so that another machine may resume the run.
 std::string JobHeader(nlohmann::ordered_json options, size_t tasks,
                       std::initializer_list<const char*> needless,
                       const nlohmann::ordered_json& inputs);
 
-// The effective options but for those that say how the work is shared and gone on with.
+// Returns the effective options without those that say how the work is shared and resumed.
 std::string OptionsOfResults(const std::string& options_json);
 
-// Returns what stands for the queries: their names, cameras, priors and places on rigs.
+// Returns a fingerprint of the queries: of their names, cameras, priors and places on rigs.
 std::string QueriesFingerprint(std::span<const Query> queries);
 
-// What a scene and its queries are read from.
+// The files and folders that a scene and its queries are read from.
 struct SceneInputs {
   std::filesystem::path model;  // empty: the references are rendered
   std::filesystem::path images, query_images;
-  std::filesystem::path out;  // what is below it is no input
+  std::filesystem::path out;  // files below it are no input
   const MatchingFlags& matching;
   int threads = 0;
 };
@@ -69,7 +70,7 @@ struct SceneInputs {
 nlohmann::ordered_json InputsJson(const SceneInputs& inputs, const Scene& scene,
                                   std::span<const Query> queries);
 
-// Of a file, or of a folder that holds a COLMAP model.
+// Returns the fingerprint of a file, or of a folder that holds a COLMAP model.
 std::string FileOrModelFingerprint(const std::filesystem::path& file);
 
 }  // namespace raylift

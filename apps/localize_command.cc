@@ -1,5 +1,5 @@
-// raylift localize: a scene and query photographs in, poses out. raylift prepare: what that makes
-// before its first query, made beforehand.
+// raylift localize: estimates the poses of query photographs in a scene. raylift prepare: makes
+// beforehand what localize makes before its first query.
 
 #include <filesystem>
 #include <memory>
@@ -38,9 +38,9 @@
 namespace raylift {
 namespace {
 
-// Returns what the results depend on, as the manifest begins with it: JSON of the options that
-// matter, and fingerprints of the inputs in place of their paths, so that the same run may go on on
-// another machine.
+// Returns the header of the manifest, which says what the results depend on: JSON of the options
+// that matter, and fingerprints of the inputs in place of their paths, so that another machine may
+// resume the run.
 std::string LocalizeHeader(const LocalizeFlags& flags, const std::string& options_json,
                            const Scene& scene, std::span<const Query> queries) {
   auto options = nlohmann::ordered_json::parse(options_json);
@@ -52,7 +52,7 @@ std::string LocalizeHeader(const LocalizeFlags& flags, const std::string& option
                             .threads = flags.run.threads},
                            scene, queries);
   if (flags.continuous.enabled) inputs["order"] = flags.Order(queries, scene.references);
-  // Where they are written changes nothing, but that they are must hold for all queries.
+  // Where they are written changes nothing, but whether they are must be the same for all queries.
   options["write-problems"] = !flags.write_problems.empty();
   options["report"] = !flags.report.empty();
   if (!flags.scene_calibration.empty()) {
@@ -102,7 +102,7 @@ WalkedQueries SmoothRecords(const LocalizeFlags& flags, std::span<const Walk> wa
   return walked;
 }
 
-// What it says on stdout.
+// Prints the walk's summary on stdout.
 void PrintWalk(const WalkedQueries& walked) {
   fmt::print("walk: {} poses smoothed, {} rescued, {} replaced, {} dropped",
              walked.Count(WalkRole::kSmoothed), walked.Count(WalkRole::kRescued),
@@ -116,7 +116,7 @@ void PrintWalk(const WalkedQueries& walked) {
   fmt::print("\n");
 }
 
-// One command's work. A signal ends what comes before the first query.
+// The work of one command. A signal ends what comes before the first query.
 class LocalizeRun {
  public:
   LocalizeRun(const LocalizeFlags& flags, LocalizeAllOptions options,
@@ -165,13 +165,13 @@ class LocalizeRun {
   }
 
  private:
-  // What a run before this one has found, unless another one is given.
+  // Takes the calibration that a former run has found, unless another one is given.
   void TakeCalibration(const RunFacts& facts) {
     if (scene_.calibration != nullptr) return;
     scene_ = Calibrated(scene_, std::make_shared<const SceneCalibration>(facts.calibration));
   }
 
-  // `known`: what a run before this one has found.
+  // Returns the facts of this run; `known` are those of a former one.
   RunFacts FactsOf(LocalizeAll& localizer, const std::optional<RunFacts>& known) {
     localizer.Calibrate();
     const Scene& scene = localizer.scene();
@@ -266,7 +266,7 @@ class LocalizeRun {
     if (walked && !flags_.run.quiet) PrintWalk(*walked);
   }
 
-  // nullopt where no odometry is given.
+  // Smooths the walks; nullopt where no odometry is given.
   std::optional<WalkedQueries> Smooth(const RunFacts& facts, std::vector<QueryRecord>& records) {
     if (walks_.empty()) return std::nullopt;
     TakeCalibration(facts);
@@ -281,7 +281,7 @@ class LocalizeRun {
   std::vector<Walk> walks_;
   Scene scene_;
   std::vector<std::string> warnings_;
-  // Of the input, by the queries that were localized one after the other.
+  // Warnings of the input, by queries that were localized one after the other.
   std::optional<std::vector<std::string>> warnings_of_continuous_;
   std::unique_ptr<LocalizeOutput> output_;
   LapClock clock_;

@@ -23,8 +23,8 @@ namespace raylift {
 
 namespace {
 
-// Without --model there must be one mesh to render the references from, and nothing that only a
-// model has: `needless` is the name of such an option, where `is_given`.
+// Throws OptionError unless, without --model, there is one mesh to render the references from, and
+// no option that only a model allows: `needless` is the name of such an option, where `is_given`.
 void RequireMeshOnly(std::span<const std::string> geometry, std::string_view needless,
                      bool is_given) {
   if (geometry.empty()) {
@@ -56,7 +56,7 @@ void CheckRerender(int rounds, std::span<const std::string> geometry, bool has_p
   if (!has_photographs) throw OptionError("--rerender", value, "needs --query-images");
 }
 
-// Checks what needs --model, or is needed without it.
+// Checks the options that need --model, or are needed without it.
 void CheckReferences(const LocalizeFlags& flags) {
   flags.references.Check();
   flags.matching.hloc.Check();
@@ -72,7 +72,7 @@ void CheckReferences(const LocalizeFlags& flags) {
   if (flags.QueryImages().empty()) throw OptionError("--query-images is required without --model");
 }
 
-// Refuses what belongs to matches.
+// Checks --align edges, which needs no matches: refuses options of these.
 void CheckEdges(const LocalizeFlags& flags) {
   if (!flags.AlignsEdges()) return;
   RefuseWith("--align edges", {{"--model", !flags.references.model.empty()},
@@ -93,7 +93,7 @@ void CheckEdges(const LocalizeFlags& flags) {
   }
 }
 
-// Refuses what goes with neither --resume nor shards.
+// Refuses options that go with neither --resume nor shards.
 void CheckRunning(const LocalizeFlags& flags) {
   flags.running.Check();
   const Shard shard = flags.running.Resolve();
@@ -106,7 +106,7 @@ void CheckRunning(const LocalizeFlags& flags) {
   }
 }
 
-// A rig is localized as one, once.
+// Checks --rigs: a rig is localized as one, once.
 void CheckRigs(const LocalizeFlags& flags) {
   if (flags.rigs.empty()) return;
   RefuseWith("--rigs", {{"--leave-one-out", flags.leave_one_out},
@@ -120,7 +120,7 @@ Rigid3 ParsePose(std::string_view option, const std::string& text) {
   return LineTokens(line, line.Next().value_or("")).Pose();
 }
 
-// A walk is smoothed when all of its photographs are localized.
+// Checks --odometry: a walk is smoothed when all of its photographs are localized.
 void CheckWalk(const LocalizeFlags& flags) {
   const auto needs = [](const char* option, const char* others, bool given, bool fits) {
     if (given && !fits) throw OptionError(fmt::format("{} needs {}", option, others));

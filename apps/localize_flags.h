@@ -43,7 +43,7 @@ struct ContinuousFlags {
 struct WalkFlags {
   std::filesystem::path odometry;
   OdometryScale scale = OdometryScale::kKnown;
-  Rigid3 cam_from_body;  // of what the odometry moves
+  Rigid3 cam_from_body;  // body: what the odometry's poses are of
   bool online = false;
 
   bool enabled() const { return !odometry.empty(); }
@@ -53,9 +53,9 @@ struct WalkFlags {
 struct MeshOnlyFlags {
   int views = 48;
   ViewKind kind = ViewKind::kAuto;
-  std::optional<PlaneSize> size;                              // none: as the queries'
-  std::optional<double> fov_deg;                              // none: as the queries'
-  std::optional<Eigen::Vector3d> up_in_world = std::nullopt;  // none: estimated
+  std::optional<PlaneSize> size;                              // nullopt: as the queries'
+  std::optional<double> fov_deg;                              // nullopt: as the queries'
+  std::optional<Eigen::Vector3d> up_in_world = std::nullopt;  // nullopt: estimated
   double eye_height = 1.6;
   double clearance = 0.3;
   int rerender = 0;  // rounds
@@ -67,7 +67,7 @@ struct MeshOnlyFlags {
                                    const std::filesystem::path& out) const;
 };
 
-// What poses come from.
+// Poses come from matches, or from aligning the edges of the mesh with those of the photographs.
 enum class AlignBy { kMatches, kEdges };
 template <>
 inline constexpr auto kEnumNames<AlignBy> = std::to_array<EnumName<AlignBy>>({
@@ -96,13 +96,13 @@ struct LocalizeFlags {
   JobFlags running;
   MeshOnlyFlags mesh_only;
 
-  // The references are rendered from the mesh.
+  // Returns whether the references are rendered from the mesh.
   bool RendersReferences() const { return references.model.empty() && !AlignsEdges(); }
   bool AlignsEdges() const { return align == AlignBy::kEdges; }
 
   std::filesystem::path QueryImages() const { return QueryImagesOf(query_images, images, queries); }
 
-  // The priors are what the photographs say of themselves.
+  // Returns whether the priors are read from the photographs' metadata.
   bool PriorsOfPhotographs() const { return priors == "exif"; }
 
   LocalizerOptions Localizer() const {
@@ -113,19 +113,19 @@ struct LocalizeFlags {
             .candidates = geometry.candidates};
   }
 
-  // Whose poses queries have.
+  // Returns whether the queries are the references (--leave-one-out).
   RetrievalFlags::Queries QueriesAre() const {
     return leave_one_out ? RetrievalFlags::Queries::kReferences : RetrievalFlags::Queries::kOwn;
   }
 
-  // The order of --continuous: by the times file, or by name where there is none.
+  // Returns the order of --continuous: by the times file, or by name where there is none.
   std::vector<size_t> Order(std::span<const Query> queries, const ReferenceSet& set) const;
 
-  // OptionError for what the options alone can tell, before any work.
+  // Throws OptionError for what the options alone can tell, before any work.
   void Check() const;
 };
 
-// With examples.
+// Adds the options of localize.
 void AddLocalizeOptions(
     CLI::App& command, LocalizeFlags& flags,
     const char* out_help =

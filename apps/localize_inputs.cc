@@ -25,7 +25,7 @@
 namespace raylift {
 namespace {
 
-// None where nothing is written.
+// Returns the folder of the cache; empty where nothing is written.
 std::filesystem::path CacheBeside(const std::filesystem::path& out) {
   return out.empty() ? std::filesystem::path() : out / "cache";
 }
@@ -64,8 +64,8 @@ Scene RenderSceneWithProgress(const std::string& mesh_spec, const Subsampling& s
   return OpenMeshScene(mesh_spec, subsampling, options, hooks);
 }
 
-// Says how far apart a point of the world is in both systems, where that is more than what they
-// may differ by for one place; where one of them knows no heights, they are not compared.
+// Warns how far apart a point of the world is in both systems, where that is more than they may
+// differ by for one place; where one of them knows no heights, heights are not compared.
 std::optional<std::string> WarnOfPlace(const WorldFrame& world, const WorldFrame& of_file,
                                        const std::string& spec, const Eigen::Vector3d& point) {
   constexpr double kSamePlace = 1;
@@ -95,8 +95,8 @@ std::optional<std::string> WarnOfReferences(const WorldFrame& of_file, const Sce
   }
 }
 
-// Returns the specifications of tilesets that would be led to the system, but stay around a center
-// of their own.
+// Returns the specifications of tilesets that could be converted to the system, but stay around a
+// center of their own.
 std::vector<std::string> LeftAlone(const Scene& scene, const WorldFrame& world) {
   std::vector<std::string> left;
   for (const SceneSource& source : scene.sources) {
@@ -105,7 +105,7 @@ std::vector<std::string> LeftAlone(const Scene& scene, const WorldFrame& world) 
   return left;
 }
 
-// A mesh that needs no references.
+// Opens a mesh that needs no references.
 Scene OpenMeshAlone(const LocalizeFlags& flags) {
   Scene scene;
   OpenGeometry(scene, flags.geometry.specs.front(), {.threads = flags.run.threads});

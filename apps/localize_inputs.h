@@ -1,4 +1,4 @@
-// Opens what `raylift localize` works with, as its flags say.
+// Opens the scene, queries and matches that `raylift localize` works with, as its flags say.
 
 #pragma once
 
@@ -29,8 +29,8 @@ LocalizeInputs OpenLocalizeInputs(const LocalizeFlags& flags);
 // Returns the references and the geometry alone; `queries` say what cameras references are rendered
 // for.
 Scene OpenSceneOf(const LocalizeFlags& flags, std::span<const Query> queries);
-// Returns what the world's coordinates are: what is given, else what the geometry's files name;
-// nullopt where neither is known. Where the two lie apart, the scene's warnings say so.
+// Returns the coordinate system of the world: the given one, else the one that the geometry's files
+// name; nullopt where neither is known. Where the two lie apart, the scene's warnings say so.
 std::optional<WorldFrame> WorldOf(const std::optional<WorldFrame>& given, Scene& scene);
 // Returns the scene with the calibration of --scene-calibration, where that is given.
 Scene WithKnownCalibration(const LocalizeFlags& flags, Scene scene);
@@ -42,7 +42,7 @@ std::shared_ptr<const RayCaster> PicturedSurface(const Scene& scene);
 std::unique_ptr<MatchSource> OpenMatchesOf(const LocalizeFlags& flags, const Scene& scene,
                                            std::span<const Query> queries, uint64_t seed);
 
-// Extracts the features that OpenMatchesOf() would, of the flags' shard.
+// Extracts the features of the flags' shard that OpenMatchesOf() would.
 FeatureCount PrepareFeatures(const LocalizeFlags& flags, const LocalizeInputs& inputs,
                              uint64_t seed);
 
@@ -56,9 +56,8 @@ std::unique_ptr<LocalizeAll> OpenLocalizer(const LocalizeFlags& flags, const Sce
 std::vector<std::string> WriteCalibration(const LocalizeFlags& flags, const Scene& scene,
                                           const EstimatorOptions& estimator);
 
-// Returns the warnings of the input, or where there are none those of its depths' factors: what is
-// read wrongly makes factors that mean nothing. None of either where the input is not to be
-// examined.
+// Returns the warnings of the input or, where there are none, those of its depths' factors, which
+// mean nothing where the input is misread. Returns neither where the input is not to be examined.
 std::vector<std::string> InputOrDepthWarnings(const LocalizeFlags& flags,
                                               std::vector<std::string> of_input,
                                               const Scene& scene);

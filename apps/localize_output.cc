@@ -22,8 +22,8 @@ namespace {
 
 using std::filesystem::path;
 
-// A file of a query of its own: its folders and its extension are kept, as a.jpg and a.png may both
-// be queries; nothing leaves `folder`.
+// Returns the file of a query of its own: its folders and its extension are kept, as a.jpg and
+// a.png may both be queries; nothing leaves `folder`.
 path FileOfQuery(const path& folder, const std::string& query, const char* extension) {
   return PathBelow(folder, query) += extension;
 }

@@ -1,4 +1,4 @@
-// Writes what `raylift localize` leaves behind, and prints.
+// Writes and prints the results of `raylift localize`.
 
 #pragma once
 
@@ -22,16 +22,16 @@ namespace raylift {
 
 class LocalizeOutput {
  public:
-  // InputError where something cannot be written, before any work. `mesh` is for pictures, and may
-  // be null.
+  // Throws InputError where something cannot be written, before any work. `mesh` is for pictures,
+  // and may be null.
   LocalizeOutput(const LocalizeFlags& flags, size_t num_queries,
                  std::shared_ptr<const RayCaster> mesh);
 
-  // Writes what is to be seen of a query beside its pose: its problem, its picture, its part of the
-  // page. Returns the files. May be called from any thread.
+  // Writes what shows a query beside its pose: its problem, its picture, its part of the page.
+  // Returns the files. May be called from any thread.
   std::vector<std::filesystem::path> Show(size_t index, const QueryResult& result);
 
-  // Returns what Show() has taken, in seconds of all threads.
+  // Returns the time that Show() has taken, in seconds summed over all threads.
   double ShowSeconds() const { return show_seconds_; }
 
   struct Run {
@@ -42,7 +42,8 @@ class LocalizeOutput {
     size_t joined = 0;  // localized queries that became references
     const WalkedQueries* walked = nullptr;
   };
-  // All files but poses.txt, queries.jsonl and summary.json, and the summary on stdout.
+  // Writes all files but poses.txt, queries.jsonl and summary.json, and prints the summary on
+  // stdout.
   void Finish(const std::vector<LocalizedQuery>& localized, const Run& run,
               const std::string& options_json) const;
 

@@ -58,8 +58,8 @@ std::string LineOf(std::string answer, const Query& query) {
   return answer;
 }
 
-// With what a run of this machine leaves in its folder. But for the calibration: it holds as well
-// as before, and the server may read it.
+// Removes the results of a former run, also of one on this machine, except for the calibration: it
+// holds as well as before, and the server may read it.
 void RemoveFormerResults(const LocalizeFlags& localize) {
   const std::filesystem::path& out = localize.out;
   const bool is_of_run = !ListManifests(out).empty();

@@ -1,4 +1,4 @@
-// `raylift localize --server`: a server's poses of a list's photographs.
+// Runs `raylift localize --server`: asks a server for the poses of a list's photographs.
 
 #pragma once
 

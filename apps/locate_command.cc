@@ -1,4 +1,4 @@
-// raylift locate: the points of the world that pixels of localized photographs show.
+// raylift locate: finds the points of the world that pixels of localized photographs show.
 
 #include <algorithm>
 #include <cmath>
@@ -125,7 +125,7 @@ class Locating {
                                  at.y(), camera.width_px(), camera.height_px()));
   }
 
-  // The fields that are known.
+  // Returns the fields that are known.
   TableRow Row(const Pixel& pixel) {
     TableRow row = {pixel.name, FormatDouble(pixel.pixel.x()), FormatDouble(pixel.pixel.y())};
     const auto& place = place_.at(pixel.name);
@@ -155,7 +155,7 @@ class Locating {
 
   const LocateFlags& flags_;
   FinishedRun run_;
-  std::map<std::string, std::optional<size_t>> place_;  // of those with a pose
+  std::map<std::string, std::optional<size_t>> place_;  // by name; index among those with a pose
   std::vector<Camera> cameras_;
   std::optional<EarthFrame> earth_;
   std::shared_ptr<const RayCaster> surface_;

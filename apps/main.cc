@@ -29,8 +29,8 @@ void NoteAndThrow() {
   throw std::bad_alloc();
 }
 
-// Where memory runs out in what must not throw (nlohmann's JSON takes some to destroy itself, the
-// standard library to go through a folder), all that is left to do is to say so: outputs appear
+// Ends the program with a message where memory runs out in what must not throw (nlohmann's JSON
+// takes some to destroy itself, the standard library to go through a folder): outputs appear only
 // when they are whole, as in a run that is killed.
 [[noreturn]] void End() {
   bool of_memory = without_memory;
@@ -46,7 +46,8 @@ void NoteAndThrow() {
   std::abort();
 }
 
-// Libraries take their stacks as they need them: what is too small ends in a crash.
+// Returns whether the stack is large enough: libraries use what they need, and too small a stack
+// ends in a crash.
 bool HasStack() {
   constexpr rlim_t kLeast = 1024 * 1024;
   struct rlimit limit {};
@@ -69,7 +70,7 @@ int main(int argc, char** argv) {
     // Images are worked on side by side, on --threads; OpenCV's own threads would come on top.
     cv::setNumThreads(1);
     const int code = raylift::RunProgram(std::vector<std::string>(argv + 1, argv + argc));
-    // Libraries tell it as something else, as a file that cannot be made.
+    // Libraries report lack of memory as another error, such as a file that cannot be made.
     const bool is_of_files = code == raylift::kBadInput || code == raylift::kBadOutput;
     return is_of_files && without_memory ? FailWithoutMemory() : code;
   } catch (const std::bad_alloc&) {  // before the program runs, or where it says what was wrong

@@ -1,4 +1,4 @@
-// raylift map: a scene in one file.
+// raylift map: packs a scene into one file.
 
 #include <cstddef>
 #include <filesystem>
@@ -93,8 +93,8 @@ void Check(const MapFlags& flags) {
   }
 }
 
-// Returns what a specification says of how depth is sampled and how far it is used, which is not
-// told by the depth itself.
+// Returns the keys of a specification that say how depth is sampled and how far it is used, which
+// the depth itself does not tell.
 std::string SamplingKeys(const std::string& spec) {
   std::string kept;
   for (const std::string_view key : SplitBy(spec, ',')) {
@@ -106,7 +106,7 @@ std::string SamplingKeys(const std::string& spec) {
   return kept;
 }
 
-// What gives the features of references: a file, the cache, or their photographs.
+// Gives the features of references, from a file, the cache, or their photographs.
 class FeatureGiver {
  public:
   FeatureGiver(const MapFlags& flags, std::span<const PosedImage> images) : flags_(flags) {
@@ -149,7 +149,8 @@ class FeatureGiver {
   std::shared_ptr<const FeatureStore> store_;  // or neither
 };
 
-// Returns what is kept of a scene's calibration, as JSON; empty where nothing is known.
+// Returns the part of a scene's calibration that a map keeps, as JSON; empty where nothing is
+// known.
 std::string ToKeep(const std::shared_ptr<const SceneCalibration>& calibration) {
   if (calibration == nullptr) return {};
   SceneCalibration kept = *calibration;
@@ -165,14 +166,14 @@ std::string NamedCalibration(const MapFlags& flags, const Scene& scene) {
   return ToKeep(calibration);
 }
 
-// Returns what the features are, as the map's header says it.
+// Returns the kind of the features, as the map's header says it.
 std::string KindOfFeatures(const MapFlags& flags) {
   if (const auto map = OpenPackedMap(flags.features)) return map->header().features;
   return flags.features.empty() ? kRootSift : flags.features.filename().string();
 }
 
-// Refuses to add what the map would take for something else, and keeps of the images those that it
-// lacks.
+// Throws InputError where the images to add differ from the map in how their depth is sampled or in
+// their features; keeps in `images` those that the map lacks.
 void PrepareToAdd(const MapFlags& flags, const Scene& scene, std::vector<PosedImage>& images) {
   const PackedMap former(flags.file);
   const auto require_equal = [&](std::string_view what, const std::string& there,

@@ -1,5 +1,5 @@
-// The options that say where matches come from: hloc's files, or the built-in front end with any
-// kind of retrieval.
+// Options that say where matches come from: hloc's files, or the built-in front end with any kind
+// of retrieval.
 
 #pragma once
 
@@ -25,15 +25,15 @@ struct HlocFlags {
   MatchReading reading;
   int top_k = 10;
 
-  // Any of the three files is named; all that are needed.
+  // Any() returns whether any of the three files is named, All() whether all that are needed are.
   bool Any() const;
   bool All() const;
-  // The three files go together, but a database or a folder of pairs stands alone. Throws
-  // OptionError.
+  // Throws OptionError unless the three files are given together, or a database or a folder of
+  // pairs stands alone.
   void Check() const;
 };
-// What must be given where hloc's files are not: `options_are` says so ("--images is"). Throws
-// OptionError.
+// Throws OptionError where neither hloc's files nor the options that replace them are given;
+// `options_are` names the latter in the message ("--images is").
 void RequireWithoutHloc(const HlocFlags& flags, std::string_view options_are, bool are_given);
 
 struct RetrievalFlags {
@@ -43,14 +43,15 @@ struct RetrievalFlags {
   double max_angle_deg = 30;
   std::vector<double> view_range;
 
-  // Any of the options is given, but for the angle, which has a default.
+  // Returns whether any of the options is given, but for the angle, which has a default.
   bool Any() const;
   // Throws OptionError.
   void CheckAngle() const;
-  // Whose poses queries have.
+  // The queries are photographs of their own, or the references themselves, matched with each
+  // other.
   enum class Queries { kOwn, kReferences };
-  // What can be told without reading anything: all but poses, mesh and model. `geometry` are the
-  // specifications of --geometry. Throws OptionError.
+  // Returns what the options tell without reading anything: all but poses, mesh and model.
+  // `geometry` holds the specifications of --geometry. Throws OptionError.
   RetrievalOptions Resolve(const std::vector<std::string>& geometry, Queries queries) const;
   // Reads the queries' prior poses where the method wants them.
   void ReadPriorPoses(RetrievalOptions* options) const;
@@ -62,18 +63,19 @@ struct MatchingFlags {
   RetrievalFlags retrieval;
   FrontEndOptions front_end;  // features, ratio test, cache
 
-  // What the options alone can tell, before any work; `geometry` are specifications. Throws
-  // OptionError.
+  // Throws OptionError for what the options alone can tell, before any work; `geometry` holds
+  // specifications.
   void Check(const std::vector<std::string>& geometry,
              RetrievalFlags::Queries queries = RetrievalFlags::Queries::kOwn) const;
-  // Reads prior poses where the retrieval wants them.
+  // Returns the options of matching; reads prior poses where the retrieval needs them.
   MatchingOptions Resolve(const std::vector<std::string>& geometry,
                           const std::filesystem::path& query_images,
                           const std::filesystem::path& default_cache, uint64_t seed,
                           const RunFlags& run,
                           RetrievalFlags::Queries queries = RetrievalFlags::Queries::kOwn) const;
 };
-// Opens the matches of a scene's queries, or of its references with each other, keeping nothing.
+// Opens the matches of a scene's queries, or of its references with each other; keeps features only
+// where --cache is given.
 std::unique_ptr<MatchSource> OpenMatchesBetween(const MatchingFlags& flags,
                                                 const std::vector<std::string>& geometry,
                                                 const std::filesystem::path& query_images,

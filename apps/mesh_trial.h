@@ -1,4 +1,4 @@
-// Meshes that may end the process that reads them are tried in another one first.
+// Tries meshes that may end the process that reads them in another process first.
 
 #pragma once
 
@@ -8,13 +8,13 @@
 
 namespace raylift {
 
-// `raylift --try-mesh FILE` is such a process.
+// `raylift --try-mesh FILE` is that process.
 inline constexpr const char* kTryMesh = "--try-mesh";
 
-// Lets this command, with the file's path as its last argument, try such meshes (SetMeshTrial).
+// Makes `command`, with the file's path as its last argument, try such meshes (SetMeshTrial).
 void TryMeshesBy(const std::vector<std::string>& command);
 
-// Does what such a process is for: reads the mesh and returns 0, whatever is wrong with it.
+// Does the work of that process: reads the mesh and returns 0, whatever is wrong with it.
 int TryMesh(const std::filesystem::path& file);
 
 }  // namespace raylift

@@ -1,4 +1,4 @@
-// The options that several commands share: the same name means the same thing everywhere.
+// Options that several commands share: the same name means the same thing everywhere.
 
 #pragma once
 
@@ -28,14 +28,14 @@ struct LoadedReferences;
 struct SceneOptions;
 
 void AddEstimatorOptions(CLI::App& command, EstimatorOptions& options);
-// "p3p,adaptive:mult_inl,select:0.7": names of methods, Adaptive's with a score and Select's with
-// an alpha where these are not those of `base`. Throws OptionError in the name of --methods.
+// Parses names of methods, "p3p,adaptive:mult_inl,select:0.7": Adaptive takes a score and Select an
+// alpha, which are those of `base` where left out. Throws OptionError in the name of --methods.
 std::vector<EstimatorOptions> ParseMethods(std::string_view text, const EstimatorOptions& base);
-// The forms of these names, for help: "p3p|...|adaptive[:SCORE]|...".
+// Returns the forms of these names, for help: "p3p|...|adaptive[:SCORE]|...".
 std::string MethodForms();
 void AddFilterOptions(CLI::App& command, FilterOptions& options);
 
-// Where 3D points come from.
+// Sources of the 3D points.
 struct GeometryFlags {
   std::vector<std::string> specs;  // in the order in which sources are asked
   GeometryMode mode = GeometryMode::kFirst;
@@ -47,19 +47,19 @@ struct GeometryFlags {
 };
 void AddGeometryOptions(CLI::App& command, GeometryFlags& flags);
 
-// Returns where the query photographs are: in `query_images`, or where `queries` is a folder that
-// is not in `images`, there, or in `images`.
+// Returns the folder of the query photographs: `query_images` if given, else `queries` if that is a
+// folder outside of `images`, else `images`.
 std::filesystem::path QueryImagesOf(const std::filesystem::path& query_images,
                                     const std::filesystem::path& images,
                                     const std::filesystem::path& queries);
 
-// `--every` and what goes with it. `of_what` ends the help of --every.
+// Adds `--every` and the options that go with it. `of_what` ends the help of --every.
 void AddSubsamplingOptions(const OptionGroup& group, Subsampling& subsampling,
                            const std::string& of_what);
 // Throws OptionError.
 void CheckSubsampling(const Subsampling& subsampling);
 
-// A scene's references.
+// Options of a scene's references.
 struct ReferenceFlags {
   std::filesystem::path model;
   Subsampling subsampling = {};
@@ -67,21 +67,22 @@ struct ReferenceFlags {
 
   // Throws OptionError.
   void Check() const { CheckSubsampling(subsampling); }
-  // Whether they are a packed map's, whose features stand for photographs.
+  // Returns whether they are a packed map's, whose features stand for photographs.
   bool HaveFeatures() const;
   LoadedReferences Load() const;
-  // What a scene with these references is opened by.
+  // Returns the options that open a scene with these references.
   SceneOptions Scene(const std::filesystem::path& images, std::vector<std::string> geometry,
                      int threads) const;
 };
 void AddReferenceOptions(CLI::App& command, ReferenceFlags& flags, bool model_is_required = true);
-// `--model-poses`: what the poses of --model mean.
+// Adds `--model-poses`, which says what the poses of --model mean.
 void AddModelPosesOption(CLI::App& command, ReferenceFlags& flags);
 
-// "x", "-y", ... or "X,Y,Z"; none, "auto", unless given, which `help` explains.
+// Adds an option for the up direction, "x", "-y", ... or "X,Y,Z"; nullopt, "auto", unless given,
+// which `help` explains.
 void AddUpOption(const OptionGroup& group, const std::string& name,
                  std::optional<Eigen::Vector3d>& up_in_world, const std::string& help);
-// What it is for commands that ask the mesh then (EstimateUp).
+// The help of that option for commands in which "auto" asks the mesh (EstimateUp).
 inline constexpr const char* kUpOfMeshHelp =
     "x|y|z|-x|-y|-z or X,Y,Z in the mesh's coordinates; auto: by\n"
     "what its floors and walls face, z where that does not tell";
@@ -105,7 +106,7 @@ auto AsOption(Read read) {
   };
 }
 
-// `--crs`: the system that the world's coordinates are of.
+// Adds `--crs`, the coordinate system of the world.
 void AddCrsOption(const OptionGroup& group, std::optional<WorldFrame>& world);
 
 struct RunFlags {
@@ -117,12 +118,12 @@ struct RunFlags {
   void Check() const;
 };
 void AddRunOptions(CLI::App& command, RunFlags& flags);
-// `--config`, which main reads before the command runs (argument_files.h).
+// Adds `--config`, which main reads before the command runs (argument_files.h).
 void AddConfigOption(CLI::App& command);
 
-// One line on stderr.
-// Returns a text of the library, in which a repair names fields, with the options of these names.
+// Returns a text of the library in which the fields that a repair names are options.
 std::string InOptions(std::string text);
+// Prints one line on stderr.
 void PrintWarning(const std::string& warning);
 void PrintWarnings(const std::vector<std::string>& warnings);
 

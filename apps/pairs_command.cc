@@ -1,4 +1,4 @@
-// raylift pairs: which references each query, or each reference, is to be matched with.
+// raylift pairs: lists the references that each query, or each reference, is to be matched with.
 
 #include <memory>
 

@@ -1,4 +1,4 @@
-// raylift perturb: depth maps in, worse depth maps out; or a trajectory in, odometry out.
+// raylift perturb: makes worse depth maps from depth maps, or odometry from a trajectory.
 
 #include <algorithm>
 #include <atomic>
@@ -67,7 +67,7 @@ class Frames {
       places_[static_cast<size_t>(by_name_[place] - images.data())] = place;
     }
   }
-  // Null before the first one and after the last.
+  // Returns the image `offset` frames away; null before the first one and after the last.
   const PosedImage* At(size_t image, int offset) const {
     const auto place = static_cast<std::ptrdiff_t>(places_[image]) + offset;
     if (place < 0 || place >= static_cast<std::ptrdiff_t>(by_name_.size())) return nullptr;
@@ -79,12 +79,12 @@ class Frames {
   std::vector<size_t> places_;
 };
 
-// Where `--geometry depth:OUT` finds it without being told.
+// Returns the file where `--geometry depth:OUT` finds the image's map without being told.
 path FileOfImage(const path& folder, const std::string& image, const std::string& format) {
   return PathBelow(folder, image).replace_extension(format);
 }
 
-// PNG holds millimeters, all others scene units.
+// Returns how depth is written: PNG holds millimeters, all others scene units.
 DepthWriteOptions WriteOptionsOf(const PerturbFlags& flags) {
   DepthWriteOptions options;
   options.out_of_range = DepthWriteOptions::OutOfRange::kDrop;
@@ -96,7 +96,7 @@ DepthWriteOptions WriteOptionsOf(const PerturbFlags& flags) {
   return options;
 }
 
-// The images as a walk: odometry.txt and times.txt.
+// Writes the images as a walk: odometry.txt and times.txt.
 void MakeOdometry(const PerturbFlags& flags, const std::string& options_json) {
   flags.odometry.Validate();
   const LoadedReferences loaded = flags.references.Load();

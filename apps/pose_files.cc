@@ -23,7 +23,7 @@ using std::filesystem::path;
 
 namespace {
 
-// Empty where the option has no value.
+// Returns the path of an option; empty where it has no value.
 path PathOption(const nlohmann::json& options, const char* name) {
   const nlohmann::json& value = options.at(name);
   return value.is_null() ? path() : path(value.get<std::string>());

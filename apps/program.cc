@@ -48,8 +48,8 @@ int Add(dl_phdr_info* library, size_t, void* names) {
   return 0;  // go on
 }
 
-// The files of the shared libraries that were loaded and do the work, with their versions as their
-// names have them ("libembree3.so.3.13.5"), sorted; what they need in turn is left out.
+// Returns the names of the loaded shared libraries that do the work, which hold their versions
+// ("libembree3.so.3.13.5"), sorted; the libraries that these need in turn are left out.
 std::vector<std::string> LoadedLibraries() {
   std::vector<std::string> names;
   dl_iterate_phdr(&Add, &names);
@@ -132,7 +132,7 @@ Output that cannot be written.
 Out of memory, or of threads.
 )";
 
-// So that troff takes the text as it stands.
+// Escapes the text so that troff takes it as it stands.
 std::string Escaped(std::string_view text) {
   std::string escaped;
   bool at_start = true;
@@ -158,12 +158,12 @@ std::string Capitals(std::string text) {
   return text;
 }
 
-// Lines as they are broken.
+// Returns the text with its line breaks kept.
 std::string AsTyped(std::string_view text) {
   return fmt::format(".nf\n{}\n.fi\n", Escaped(Trim(text)));
 }
 
-// What each option is called and says is CLI11's, as in --help.
+// Formats manual pages; the names and texts of options are CLI11's, as in --help.
 class ManFormatter : public CLI::Formatter {
  public:
   std::string Usage(const CLI::App& app) const { return make_usage(&app, app.get_name()); }
@@ -232,7 +232,7 @@ struct Program {
   std::unique_ptr<CLI::App> app;
   std::vector<Command> commands;
 
-  // The one that was parsed.
+  // Returns the command that was parsed.
   const Command& Chosen() const {
     return *std::find_if(commands.begin(), commands.end(),
                          [](const Command& command) { return command.app->parsed(); });
@@ -277,7 +277,7 @@ Program MakeProgram() {
   return program;
 }  // NOLINT(clang-analyzer-cplusplus.NewDeleteLeaks): the app is moved out with the program
 
-// The same program, but nothing is required: it tells what a command line gives, and finds unknown
+// Makes the program without required options: it tells what a command line gives, and finds unknown
 // options and malformed values first.
 Program MakeSurvey() {
   Program program = MakeProgram();
@@ -295,7 +295,7 @@ void Parse(const Program& program, std::vector<std::string> arguments) {
   program.app->parse(std::move(arguments));
 }
 
-// Puts arguments before those that the command was given.
+// Inserts arguments before those that the command was given.
 void Insert(const std::vector<std::string>& added, const std::string& command,
             std::vector<std::string>& arguments) {
   const auto name = std::find(arguments.begin(), arguments.end(), command);
@@ -341,8 +341,8 @@ std::vector<std::string> WithSceneFile(const Program& program, std::vector<std::
   return arguments;
 }
 
-// The program that has parsed these arguments and those that their files hold. CLI::ParseError for
-// what cannot be parsed, CLI::Success for --help and --version.
+// Returns the program that has parsed these arguments and those that their files hold. Throws
+// CLI::ParseError for what cannot be parsed, CLI::Success for --help and --version.
 Program Parsed(const Program& survey, const std::vector<std::string>& arguments) {
   Program program = MakeProgram();
   Parse(survey, arguments);
@@ -350,8 +350,8 @@ Program Parsed(const Program& survey, const std::vector<std::string>& arguments)
   return program;
 }
 
-// "; did you mean NAME?" of the first argument that is no command or option but resembles one;
-// kinds of geometry stand for that option.
+// Returns "; did you mean NAME?" for the first argument that is no command or option but resembles
+// one; kinds of geometry stand for that option.
 std::string Hint(const CLI::App& app, const std::vector<std::string>& arguments) {
   if (arguments.empty()) return {};
   std::vector<std::string> commands;
@@ -456,7 +456,7 @@ std::map<std::string, std::map<std::string, std::string>> KindsOfCommands() {
 void RunCommand(const std::vector<std::string>& all_arguments) {
   const Program survey = MakeSurvey();
   std::vector<std::string> arguments = all_arguments;
-  // Of a command that there is not, its options tell nothing.
+  // The options of a command that does not exist tell nothing.
   const auto names_it = [&](const CLI::App* command) {
     return command->check_name(arguments.front());
   };

@@ -1,4 +1,4 @@
-// The program by its arguments, for main and for callers that are programs themselves.
+// Runs the program by its arguments, for main and for callers that are programs themselves.
 
 #pragma once
 
@@ -16,22 +16,22 @@ enum ExitCode {
   kBadOption = 2,
   kBadInput = 3,
   kInterrupted = 4,  // stopped by SIGINT or SIGTERM, or work is left
-  kBadOutput = 5,    // one that cannot be written
+  kBadOutput = 5,    // an output cannot be written
   kNoResources = 6   // out of memory or threads
 };
 
-// Runs one command. Returns the exit code, errors being told on stderr. Throws nothing but
+// Runs one command and returns the exit code; errors are printed on stderr. Throws nothing but
 // std::bad_alloc.
 int RunProgram(const std::vector<std::string>& arguments);
 
-// The same, but errors leave it as they are (Interrupted among them), and what cannot be parsed as
-// an OptionError.
+// Runs one command and throws its errors as they are (Interrupted among them); what cannot be
+// parsed is an OptionError.
 void RunCommand(const std::vector<std::string>& arguments);
 
-// KindsOfOptions() of each command, by its name: Python's keywords are made of it.
+// Returns KindsOfOptions() of each command by its name, of which Python's keywords are made.
 std::map<std::string, std::map<std::string, std::string>> KindsOfCommands();
 
-// The error's message in the words of the command line: "min_iterations = 0: ..." says
+// Returns the error's message in the words of the command line: "min_iterations = 0: ..." becomes
 // "--min-iterations = 0: ...".
 std::string MessageInOptions(const OptionError& error);
 

@@ -1,4 +1,4 @@
-// raylift queries: lists of queries and priors from what photographs say of themselves.
+// raylift queries: writes lists of queries and priors from the metadata of photographs.
 
 #include <algorithm>
 #include <cmath>
@@ -33,13 +33,14 @@ struct QueriesFlags {
   bool quiet = false;
 };
 
-// A photograph that is a link keeps its own name.
+// Returns the absolute path, in which a photograph that is a link keeps its own name.
 path Whole(const path& given) {
   const path whole = std::filesystem::absolute(given).lexically_normal();
   return whole.has_filename() ? whole : whole.parent_path();
 }
 
-// The folder that names start at: the given one, a folder of photographs, or that of all files.
+// Returns the folder that names start at: the given one, a folder of photographs, or that of all
+// files.
 path RootOf(const QueriesFlags& flags) {
   if (!flags.query_images.empty()) return Whole(flags.query_images);
   std::optional<path> root;
@@ -77,7 +78,8 @@ std::vector<Query> QueriesOf(const QueriesFlags& flags, const path& root) {
   return queries;
 }
 
-// Says how far heights above the ellipsoid and the sea's level are apart, where PROJ knows it.
+// Prints how far heights above the ellipsoid and above the sea's level are apart, where PROJ knows
+// it.
 void PrintHeights(const PhotographTags::Position& position) {
   const Eigen::Vector3d& point = position.point;
   const CrsTransform transform(Crs("EPSG:4326+5773"), Crs("EPSG:4979"));
@@ -109,7 +111,7 @@ void Run(const QueriesFlags& flags) {
     }
     if (!flags.quiet) fmt::print("{}: {}\n", query.name, tags.summary);
   }
-  // Places where the system is not meant for are errors before anything is written.
+  // Positions outside of the coordinate system's area of use are errors before anything is written.
   std::vector<std::string> warnings;
   if (flags.world) ParsePosePriors(texts, flags.world, &warnings);
   WriteQueryList(flags.out, queries);

@@ -1,4 +1,4 @@
-// raylift render: a mesh and cameras in, depth maps and other pictures out.
+// raylift render: renders depth maps and other pictures of a mesh from given cameras.
 
 #include <algorithm>
 #include <array>
@@ -45,7 +45,7 @@ struct RenderFlags {
   RenderJobOptions job;  // all but what follows
   std::vector<Product> products = {Product::kDepth};
   std::vector<std::string> formats;
-  std::optional<ColorOptions::Shading> shading;  // none: by whether the mesh has colors
+  std::optional<ColorOptions::Shading> shading;  // nullopt: by whether the mesh has colors
   JobFlags running;
   bool log_json = false;
   std::filesystem::path report;
@@ -56,7 +56,7 @@ std::string FormatNames(Product product) {
   return fmt::format("{}", fmt::join(FormatsOf(product), "|"));
 }
 
-// "npy" is for the products that can be stored so, "depth=npy" for one.
+// Sets a format: "npy" of all products that can be stored so, "depth=npy" of one.
 void SetFormat(const std::string& text, std::vector<ProductOutput>& outputs) {
   const auto parts = SplitBy(text, '=');
   const bool for_one = parts.size() == 2;
@@ -278,7 +278,7 @@ ColorOptions::Shading ResolveShading(const RenderFlags& flags, const RayCaster& 
                                                   : ColorOptions::Shading::kHeadlight);
 }
 
-// What is going on before the first image, on stderr where that is a terminal.
+// Shows the steps before the first image, on stderr where that is a terminal.
 class Steps {
  public:
   explicit Steps(bool quiet) : visible_(!quiet && isatty(STDERR_FILENO) != 0) {}
@@ -419,7 +419,7 @@ class RenderRun {
                static_cast<double>(summary.totals.bytes) / kMega, options_.out.string());
   }
 
-  // Images of another size need cameras of their own.
+  // Writes a model where the images have another size: they need cameras of their own.
   void WriteModel() const {
     const TaskSelection& selection = flags_.selection;
     if (!selection.size && !selection.scale && !selection.cubemap) return;
@@ -428,7 +428,7 @@ class RenderRun {
     }
   }
 
-  // Of the images of this shard that are complete.
+  // Writes the page of this shard's images that are complete.
   void WriteReport(const RenderSummary& summary) const {
     std::vector<RenderedView> images;
     for (const RenderTask& task : tasks_) {

@@ -1,4 +1,4 @@
-// raylift serve: scenes that are opened once answer photographs over HTTP.
+// raylift serve: localizes photographs over HTTP in scenes that are opened once.
 
 #include <cstdio>
 #include <filesystem>
@@ -28,7 +28,7 @@ namespace {
 
 struct ServeFlags {
   std::vector<std::filesystem::path> scenes;
-  LocalizeFlags localize;  // what all scenes have in common
+  LocalizeFlags localize;  // options that all scenes have in common
   ServerOptions server;
 
   void Check() const {
@@ -59,7 +59,7 @@ double ParseSeconds(std::string_view option, const std::string& text, double sho
                       shortest, kDay);
 }
 
-// The name in the file, else the file's folder or its own name.
+// Returns the name in the file, else that of its folder or its own.
 std::string NameOf(const SceneFile& scene, const std::filesystem::path& file) {
   if (!scene.name.empty()) return scene.name;
   return file.stem() == "scene" ? std::filesystem::absolute(file).parent_path().filename().string()
@@ -76,7 +76,7 @@ std::optional<WorldFrame> WorldOf(const ServeFlags& serve, const std::filesystem
   }
 }
 
-// The flags with which `localize --scene FILE` would open the scene.
+// Returns the flags with which `localize --scene FILE` would open the scene.
 LocalizeFlags FlagsOf(const ServeFlags& serve, const std::filesystem::path& file,
                       const SceneFile& scene) {
   LocalizeFlags flags = serve.localize;
@@ -111,7 +111,7 @@ ServedScene Open(const ServeFlags& serve, const std::filesystem::path& file) {
           .world = world};
 }
 
-// As many files as the machine allows: each connection is one.
+// Raises the number of open files to the machine's limit: each connection is one.
 void AllowManyFiles() {
   rlimit files{};
   if (getrlimit(RLIMIT_NOFILE, &files) != 0) return;

@@ -1,4 +1,4 @@
-// raylift views: camera poses on a mesh, for scenes without photographs.
+// raylift views: makes camera poses on a mesh, for scenes without photographs.
 
 #include <cmath>
 #include <memory>
@@ -57,7 +57,7 @@ struct ViewsFlags {
   std::optional<Camera> camera;
   PlaneSize size = {640, 480};
   double fov_deg = 75;
-  std::optional<Eigen::Vector3d> up_in_world = std::nullopt;  // none: estimated
+  std::optional<Eigen::Vector3d> up_in_world = std::nullopt;  // nullopt: estimated
   bool level = false;
   double clearance = 0.3;
   uint64_t seed = 0;

@@ -15,7 +15,7 @@ std::string TypeName(const py::handle& object) {
   return py::cast<std::string>(py::type::handle_of(object).attr("__name__"));
 }
 
-// An attribute of an object or an item of a mapping.
+// Returns an attribute of an object or an item of a mapping.
 py::object Member(const py::handle& object, const char* name) {
   if (py::isinstance<py::dict>(object)) {
     return py::reinterpret_borrow<py::dict>(object).attr("get")(name);
@@ -23,7 +23,8 @@ py::object Member(const py::handle& object, const char* name) {
   return py::getattr(object, name, py::none());
 }
 
-// pycolmap has had some of them as methods, and has others as properties.
+// Calls the member if it is a method: pycolmap has had some of them as methods, and has others as
+// properties.
 py::object Called(py::object member) {
   return PyCallable_Check(member.ptr()) != 0 ? member() : member;
 }
@@ -72,7 +73,7 @@ Eigen::Vector3d Translation(const py::object& values) {
   return Finite({t[0], t[1], t[2]});
 }
 
-// `what` has the rotation, which messages say.
+// Returns the quaternion at unit length; `what` names its owner in messages.
 Eigen::Quaterniond Unit(double w, double x, double y, double z, std::string_view what) {
   const Eigen::Quaterniond q(w, x, y, z);
   if (!(q.norm() > 0) || !q.coeffs().allFinite()) {
@@ -90,7 +91,7 @@ Eigen::Quaterniond FromMatrix(const Eigen::Matrix3d& matrix, std::string_view wh
   return Eigen::Quaterniond(matrix).normalized();
 }
 
-// (w, x, y, z), or a 3 x 3 matrix.
+// Converts (w, x, y, z), or a 3 x 3 matrix.
 Eigen::Quaterniond Rotation(const py::object& values, std::string_view what = "pose") {
   const std::vector<double> r = Numbers(values, fmt::format("{}, rotation", what));
   if (r.size() == 4) return Unit(r[0], r[1], r[2], r[3], what);
@@ -454,7 +455,7 @@ void Keywords::ThrowKind(const char* name, const py::handle& found, const char* 
 
 void WatchedWithoutLock(const std::optional<ProgressCall>& progress,
                         const std::function<void()>& work) {
-  // What Python has raised meanwhile; only touched with the interpreter's lock.
+  // The exception that Python has raised meanwhile; only touched with the interpreter's lock.
   std::optional<py::error_already_set> raised;
   CallWatch::Hooks hooks;
   hooks.stop_wanted = [&raised] {

@@ -1,5 +1,5 @@
-// What crosses the border between Python and the library: numpy arrays, keyword arguments, cameras
-// and poses of several kinds, and the interpreter's lock.
+// Conversions between Python and the library: numpy arrays, keyword arguments, cameras and poses of
+// several kinds, and the interpreter's lock.
 
 #pragma once
 
@@ -35,8 +35,8 @@
 #include "raylift/scene/image.h"
 #include "raylift/scene/photographs.h"
 
-// An argument that may be an object of many kinds; signatures show a name of raylift/_types.py for
-// it, and what is missing (None) is none of them.
+// Defines the type of an argument that may be an object of many kinds; signatures show a name of
+// raylift/_types.py for it. A missing argument (None) is none of them.
 #define RAYLIFT_PYTHON_ARGUMENT(Class, is_one, shown)                 \
   namespace raylift::python {                                         \
   class Class : public pybind11::object {                             \
@@ -68,14 +68,14 @@ RAYLIFT_PYTHON_ARGUMENT(QueryLike, IsSomething, "raylift._types.QueryLike")
 RAYLIFT_PYTHON_ARGUMENT(ExtractorLike, IsSomething, "raylift._types.Extractor")
 RAYLIFT_PYTHON_ARGUMENT(MatcherLike, IsSomething, "raylift._types.Matcher")
 RAYLIFT_PYTHON_ARGUMENT(DescriptorLike, IsSomething, "raylift._types.GlobalDescriptor")
-// Called with (done, total, what), from any thread.
+// A function that is called with (done, total, what), from any thread.
 RAYLIFT_PYTHON_ARGUMENT(ProgressCall, PyCallable_Check, "raylift._types.Progress")
 
 namespace raylift::python {
 
 namespace py = pybind11;
 
-// An argument of a wrong type: of Python's errors it is an InputError and a TypeError.
+// Thrown for an argument of a wrong type: of Python's errors it is an InputError and a TypeError.
 class WrongType : public InputError {
  public:
   using InputError::InputError;
@@ -95,9 +95,9 @@ std::vector<PosedImage> ToPosedImages(const std::vector<PosedImageLike>& images)
 // A query is a Query, or a pair (name, camera).
 Query ToQuery(const QueryLike& query);
 Eigen::Vector3d ToVector3(const ArrayLike& argument, std::string_view name);
-// (position, sigma), sigma being one number or one per axis; (down_in_cam, down_in_world,
-// sigma_deg); (right_in_cam, right_in_world, down_in_world, sigma_deg); (rotation, sigma_deg) of
-// cam_from_world; (range, sigma).
+// Arguments of priors: (position, sigma), sigma being one number or one per axis; (down_in_cam,
+// down_in_world, sigma_deg); (right_in_cam, right_in_world, down_in_world, sigma_deg); (rotation,
+// sigma_deg) of cam_from_world; (range, sigma).
 using PositionArgument = std::optional<std::pair<ArrayLike, ArrayLike>>;
 using GravityArgument = std::optional<std::tuple<ArrayLike, ArrayLike, double>>;
 using HeadingArgument = std::optional<std::tuple<ArrayLike, ArrayLike, ArrayLike, double>>;
@@ -113,28 +113,27 @@ struct PriorArguments {
   double focal_range = 1;
 };
 PosePriors ToPriors(const PriorArguments& given);
-// A query with what is given of it; what it knows of the focal length holds where that says nothing
-// of it.
+// Returns the query with these priors; its prior of the focal length stays where these have none.
 Query WithPriors(Query query, PosePriors priors);
-// A str. WrongType naming the argument for anything else.
+// Converts a str. Throws WrongType naming the argument for anything else.
 std::string ToText(const py::handle& text, std::string_view name);
-// Poses (cam_from_world) by name, from a mapping.
+// Converts a mapping of poses (cam_from_world) by name.
 std::map<std::string, Rigid3> ToNamedPoses(const py::object& mapping, std::string_view name);
-// A str, bytes or os.PathLike. WrongType naming the argument for anything else.
+// Converts a str, bytes or os.PathLike. Throws WrongType naming the argument for anything else.
 std::filesystem::path ToPath(const PathLike& path, std::string_view name);
 inline PlaneSize SizeOf(const Camera& camera) { return {camera.width_px(), camera.height_px()}; }
-// uint8: height x width, or height x width x 3 (red, green, blue).
+// Converts uint8: height x width, or height x width x 3 (red, green, blue).
 Image ToImage(const ArrayLike& array);
 py::array_t<uint8_t> ToArray(Image image);
-// From a mapping with keypoints (N, 2) and descriptors (N, D). InputError where most keypoints lie
-// outside of an image of this size.
+// Converts a mapping with keypoints (N, 2) and descriptors (N, D). Throws InputError where most
+// keypoints lie outside of an image of this size.
 Features ToFeatures(const py::object& mapping, PlaneSize size);
 struct OwnMatching {
   std::optional<ExtractorLike> extractor;
   std::optional<MatcherLike> matcher;
   std::optional<DescriptorLike> retrieval;
 };
-// Lets the front end extract, match and retrieve by what Python gave.
+// Makes the front end extract, match and retrieve by what Python gave.
 void UseOwn(const OwnMatching& own, const MatchReading& reading, FrontEndOptions* options);
 
 namespace internal {
@@ -142,14 +141,14 @@ namespace internal {
                                   const py::handle& found);
 [[noreturn]] void ThrowShape(std::string_view name, std::string_view expected,
                              const py::array& found);
-// What numpy takes: the object itself, or what it gives by __dlpack__ where it knows no other way.
-// InputError for a masked array, whose mask would be dropped.
+// Returns what numpy takes: the object itself, or what it gives by __dlpack__ where it knows no
+// other way. Throws InputError for a masked array, whose mask would be dropped.
 py::object ForNumpy(const ArrayLike& argument, std::string_view name);
-// InputError where a number of the argument is none of the integers lowest ... highest: numpy would
-// cut it to one of these.
+// Throws InputError where a number of the argument is none of the integers lowest ... highest:
+// numpy would cut it to one of these.
 void RequireIntegers(const py::object& numbers, std::string_view name, int64_t lowest,
                      int64_t highest);
-// The argument as an array of T in C order; a copy only where it is none.
+// Returns the argument as an array of T in C order; copies it only where it is none.
 template <typename T>
 py::array_t<T> ArrayOf(const ArrayLike& argument, std::string_view name,
                        std::string_view expected) {
@@ -168,8 +167,8 @@ py::array_t<T> ArrayOf(const ArrayLike& argument, std::string_view name,
 }
 }  // namespace internal
 
-// The rows of an array of the shape (N, kColumns), which it keeps alive. InputError naming the
-// argument where it is of another shape. An empty list is an array without rows.
+// The rows of an array of the shape (N, kColumns), which they keep alive. Throws InputError naming
+// the argument where it has another shape. An empty list is an array without rows.
 template <int kColumns, typename T = double>
 class Rows {
  public:
@@ -204,19 +203,19 @@ class Rows {
   size_t size_ = 0;
 };
 
-// Whether so many pixels lie outside of their images that these were resized: those near the border
-// may lie beside them, and few tell nothing.
+// Returns whether so many pixels lie outside of their images that these seem to have been resized:
+// a few near the border may lie outside, too, and few pixels tell nothing.
 inline bool LookResized(size_t outside, size_t count) {
   constexpr size_t kFewest = 10;
   return count >= kFewest && 2 * outside > count;
 }
 
-// InputError where most pixels lie outside of their image as those of a resized one do, or are not
-// finite. `size_at` says how large the image of a row is.
+// Throws InputError where most pixels lie outside of their image, as those of a resized one do, or
+// are not finite. `size_at` returns the size of a row's image.
 template <typename Pixels, typename SizeAt>
 void RequireMostInside(const Pixels& pixels, std::string_view name, const SizeAt& size_at) {
   size_t outside = 0, not_finite = 0;
-  PlaneSize size;  // of one that does not have its pixel
+  PlaneSize size;  // of an image that its pixel lies outside of
   for (size_t i = 0; i < pixels.size(); ++i) {
     if (Shows(size_at(i), pixels[i])) continue;
     size = size_at(i);
@@ -229,12 +228,13 @@ void RequireMostInside(const Pixels& pixels, std::string_view name, const SizeAt
       outside, pixels.size(), size.width_px, size.height_px));
 }
 
-// Colors (N, 3), each from 0 to 255. InputError for floats from 0 to 1, too, as other libraries
-// have them: their integers would be black.
+// Converts colors (N, 3), each from 0 to 255. Throws InputError also for floats from 0 to 1, as
+// other libraries have them: their integers would be black.
 std::vector<std::array<uint8_t, 3>> ToColors(const std::optional<ArrayLike>& argument,
                                              std::string_view name);
 
-// One number per match, or none at all. InputError where their count differs.
+// Converts one number per match; nullopt where none are given. Throws InputError where their count
+// differs.
 template <typename T>
 std::optional<py::array_t<T>> PerMatch(const std::optional<ArrayLike>& argument,
                                        std::string_view name, size_t count) {
@@ -246,7 +246,7 @@ std::optional<py::array_t<T>> PerMatch(const std::optional<ArrayLike>& argument,
   return array;
 }
 
-// An array of `rows` x `columns` whose numbers `at` gives.
+// Returns an array of `rows` x `columns` whose rows `at` gives.
 template <typename At>
 py::array_t<double> MakeRows(size_t rows, size_t columns, const At& at) {
   py::array_t<double> array(std::vector<size_t>{rows, columns});
@@ -258,7 +258,7 @@ py::array_t<double> MakeRows(size_t rows, size_t columns, const At& at) {
   return array;
 }
 
-// The numbers of a table by their names.
+// Returns the numbers of a table by their names.
 template <typename Number>
 py::dict NumbersOf(std::span<const Field> fields) {
   py::dict dict;
@@ -282,7 +282,8 @@ inline py::array_t<bool> ToArray(const std::vector<bool>& flags) {
   return array;
 }
 
-// The numbers of a list as they lie in memory, and back. InputError where bytes are left over.
+// Converts the numbers of a list to bytes as they lie in memory, and back. Throws InputError where
+// bytes are left over.
 template <typename T>
 py::bytes ToBytes(const std::vector<T>& values) {
   return {reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T)};
@@ -299,8 +300,8 @@ void FromBytes(const py::handle& state, std::vector<T>& values) {
   std::memcpy(static_cast<void*>(values.data()), bytes.data(), values.size() * sizeof(T));
 }
 
-// Objects that pickle, copy and compare by a state, from which `make` makes them anew. Those without
-// one (InputError says why) equal themselves alone.
+// Makes objects pickle, copy and compare by a state, from which `make` makes them anew. Those
+// without one (InputError says why) equal themselves alone.
 template <typename T, typename... Bound, typename StateOf, typename Make>
 void BindState(py::class_<T, Bound...>& bound, const StateOf& state_of, const Make& make) {
   const auto equals = [state_of](const T& one, const py::object& other) {
@@ -317,12 +318,12 @@ void BindState(py::class_<T, Bound...>& bound, const StateOf& state_of, const Ma
       .def(py::pickle(state_of, make));
 }
 
-// Objects that nothing in Python can change: those that are equal look alike.
+// Makes objects hash by their repr, as nothing in Python can change them and equal ones look alike.
 template <typename T, typename... Bound>
 void BindHash(py::class_<T, Bound...>& bound) {
   bound.def("__hash__", [](const T& one) { return py::hash(py::repr(py::cast(&one))); });
 }
-// Copies of them share what they hold.
+// Makes objects hash and copy; copies share what they hold.
 template <typename T, typename... Bound>
 void BindCopies(py::class_<T, Bound...>& bound) {
   BindHash(bound);
@@ -332,11 +333,11 @@ void BindCopies(py::class_<T, Bound...>& bound) {
           py::arg("memo"));
 }
 
-// A small table of two columns, for notebooks.
+// Returns a small table of two columns, for notebooks.
 std::string HtmlTable(const std::string& title,
                       const std::vector<std::pair<std::string, std::string>>& rows);
 
-// The vector's memory becomes the array's.
+// Returns an array that takes over the vector's memory.
 template <typename T>
 py::array_t<T> HandOver(std::vector<T>&& values, const std::vector<py::ssize_t>& shape) {
   auto* owned = new std::vector<T>(std::move(values));
@@ -356,7 +357,7 @@ void BindFeatures(py::module_& module);
 void BindIo(py::module_& module);
 void BindTracking(py::module_& module);
 
-// The value of an enum by its name on the command line.
+// Returns the value of an enum by its name on the command line. Throws OptionError for other names.
 template <NamedEnum Enum>
 Enum ToEnum(std::string_view name, const std::string& value) {
   if (const auto known = FromName<Enum>(value)) return *known;
@@ -368,7 +369,8 @@ class Keywords {
  public:
   explicit Keywords(const py::kwargs& given) : given_(given), left_(given.size()) {}
 
-  // Leaves the value as it is where it is not given. OptionError for one of another kind.
+  // Takes a keyword; leaves the value as it is where it is not given. Throws OptionError for a
+  // value of another kind.
   template <typename T>
   void Take(const char* name, T& value) {
     names_.push_back(name);
@@ -390,10 +392,10 @@ class Keywords {
     }
   }
 
-  // The fields of a table, under their names.
+  // Takes the fields of a table under their names.
   void Take(std::span<const Field> fields);
 
-  // OptionError naming one that was not taken.
+  // Throws OptionError naming a keyword that was not taken.
   void RequireAllTaken() const;
 
  private:
@@ -415,7 +417,7 @@ class Keywords {
   std::vector<std::string_view> names_;
 };
 
-// Works without the interpreter's lock. `progress` is called where it is given, and Ctrl-C, or an
+// Does work without the interpreter's lock. Calls `progress` where it is given; Ctrl-C, or an
 // exception of `progress`, ends the work.
 void WatchedWithoutLock(const std::optional<ProgressCall>& progress,
                         const std::function<void()>& work);

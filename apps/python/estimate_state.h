@@ -1,5 +1,5 @@
-// What the module's classes of pose problems and localized queries hold, and what pickles hold of
-// them and of estimates.
+// The state of the module's pose problems and localized queries, and what pickles hold of them and
+// of estimates.
 
 #pragma once
 
@@ -21,11 +21,11 @@ struct KnownProblem : PoseProblem {
   explicit KnownProblem(PoseProblem problem, std::optional<SceneNoise> noise = std::nullopt)
       : PoseProblem(std::move(problem)), scene_noise(noise) {}
 
-  // What the calibration of the scene that it is of says of matches.
+  // The noise of matches by the calibration of the problem's scene.
   std::optional<SceneNoise> scene_noise;
 };
 
-// A result with what the localizer that made it knew of the scene.
+// A result, with what its localizer knew of the scene.
 struct KnownResult : QueryResult {
   KnownResult() = default;
   KnownResult(QueryResult result, const Localizer& localizer)
@@ -46,7 +46,7 @@ std::shared_ptr<KnownProblem> ProblemOf(const ProblemState& state);
 std::string StateOf(const PoseEstimate& estimate);
 std::shared_ptr<PoseEstimate> EstimateOf(const std::string& state);
 
-// What a notebook shows of an estimate.
+// Returns the rows that a notebook shows of an estimate.
 std::vector<std::pair<std::string, std::string>> HtmlRowsOf(const PoseEstimate& estimate);
 
 }  // namespace raylift::python

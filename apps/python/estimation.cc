@@ -22,13 +22,13 @@ namespace {
 
 using OptionalArray = std::optional<ArrayLike>;
 
-// Indices that may be missing: negative numbers are none.
+// Returns an index; nullopt where it is negative or none are given.
 std::optional<int> IndexAt(const std::optional<py::array_t<int64_t>>& indices, size_t i) {
   if (!indices || indices->data()[i] < 0) return std::nullopt;
-  constexpr int64_t kBeyondAll = std::numeric_limits<int>::max();  // what no list has so many of
+  constexpr int64_t kBeyondAll = std::numeric_limits<int>::max();  // no list is as long
   return static_cast<int>(std::min(indices->data()[i], kBeyondAll));
 }
-// Deviations that may be missing: NaN is none.
+// Returns a standard deviation; nullopt where it is NaN or none are given.
 std::optional<double> SigmaAt(const std::optional<py::array_t<double>>& sigmas, const char* name,
                               size_t i) {
   if (!sigmas || std::isnan(sigmas->data()[i])) return std::nullopt;
@@ -141,8 +141,8 @@ PoseProblem MakeProblem(const CameraLike& camera, const ProblemArrays& arrays,
   return problem;
 }
 
-// Properties that are arrays of what each match has: its pixels or its point, or an index (-1:
-// none).
+// Binds properties that are arrays of what each match has: its pixels or its point, or an index
+// (-1: none).
 template <typename Match>
 class MatchProperties {
  public:
@@ -374,8 +374,8 @@ EstimatorOptions OptionsOf(const py::kwargs& given) {
   return options;
 }
 
-// The options for a problem that may know of its scene's noise, or of others that `learned` is
-// from.
+// Returns the options for a problem, with the noise of its scene, or of other problems (`learned`),
+// where it is known.
 EstimatorOptions OptionsFor(const KnownProblem& problem, EstimatorOptions options,
                             const std::optional<SceneNoise>& learned = std::nullopt) {
   if (!options.scene_noise) options.scene_noise = problem.scene_noise;
@@ -385,12 +385,12 @@ EstimatorOptions OptionsFor(const KnownProblem& problem, EstimatorOptions option
 
 using ProblemList = std::vector<std::reference_wrapper<const KnownProblem>>;
 
-// What those that know nothing of their scene tell, whatever their order.
+// Learns the noise of the problems that know nothing of their scene, whatever their order.
 std::optional<SceneNoise> LearnSceneNoise(ProblemList problems, const EstimatorOptions& options,
                                           int threads) {
   std::erase_if(problems, [](const KnownProblem& problem) { return problem.scene_noise; });
   const auto path_of = [](const KnownProblem& problem) {
-    return std::filesystem::path(problem.name);  // as of the files that the program reads
+    return std::filesystem::path(problem.name);  // as for the files that the program reads
   };
   std::stable_sort(
       problems.begin(), problems.end(),
@@ -414,7 +414,7 @@ std::vector<PoseEstimate> EstimateAll(const ProblemList& problems, bool independ
   return estimates;
 }
 
-// The rows of an array of the shape (kCount, 3).
+// Returns the rows of an array of the shape (kCount, 3).
 template <size_t kCount>
 std::array<Eigen::Vector3d, kCount> Vectors(const ArrayLike& argument, std::string_view name) {
   const Rows<3> rows(argument, name);

@@ -233,7 +233,7 @@ void BindRigid3(py::module_& module) {
           [](const py::tuple& state) { return ToPose(py::reinterpret_borrow<PoseLike>(state)); }));
 }
 
-// What is known of a query as its arguments say it, with lists for arrays, so that tuples of them
+// The priors of a query as its arguments say them, with lists for arrays, so that tuples of them
 // compare.
 using List = std::vector<double>;
 using PositionState = std::optional<std::pair<List, List>>;

@@ -1,4 +1,4 @@
-// What the module's classes of geometry, RayCaster among them, hold.
+// The state of the module's classes of geometry, RayCaster among them.
 
 #pragma once
 
@@ -22,8 +22,8 @@ RAYLIFT_PYTHON_ARGUMENT(GeometryLike, IsSomething, "raylift._types.GeometryLike"
 
 namespace raylift::python {
 
-// The rays of the camera that was used last: views mostly come from one, and distorted lenses are
-// dear to invert. Thread safe.
+// Keeps the rays of the camera that was used last: most views share one camera, and distorted
+// lenses are slow to invert. Thread safe.
 class LastRays {
  public:
   std::shared_ptr<const PixelRays> Of(const Camera& camera, int threads);
@@ -34,8 +34,8 @@ class LastRays {
   std::shared_ptr<const PixelRays> rays_;
 };
 
-// The renderer of the options that were used last: textures are filtered once for all views. Thread
-// safe.
+// Keeps the renderer of the options that were used last: textures are filtered once for all views.
+// Thread safe.
 class LastRenderer {
  public:
   std::shared_ptr<const FrameRenderer> Of(const std::shared_ptr<const RayCaster>& caster,
@@ -59,19 +59,20 @@ struct Caster {
 std::shared_ptr<Caster> MakeCaster(const std::shared_ptr<TriangleMesh>& mesh,
                                    RayCasterOptions::BuildQuality quality);
 
-// The class of the module, and what its parts add: how it is made, rays.
+// The module's class; each function binds a part of it: its constructors, its rays.
 using CasterClass = py::class_<Caster, std::shared_ptr<Caster>>;
 void BindMaking(CasterClass& caster_class);
 void BindCasting(CasterClass& caster_class);
 
-// What a camera sees of a surface in its colors, at most `kPictureSidePx` wide and high.
+// Returns a picture of what a camera sees of a surface in its colors, at most `kPictureSidePx` wide
+// and high.
 inline constexpr int kPictureSidePx = 640;
 Image PictureFrom(const std::shared_ptr<const RayCaster>& surface, const Camera& camera,
                   const Rigid3& cam_from_world);
-// A PNG of what a mesh looks like from outside; None where it has no triangles.
+// Returns a PNG of a mesh seen from outside; nullopt where it has no triangles.
 std::optional<py::bytes> PictureOf(const Caster& caster);
 
-// What a description of geometry from memory ends in.
+// The end of a description of geometry that is in memory.
 inline constexpr std::string_view kFromMemory = " from memory";
 
 // Geometry of any kind.
@@ -85,7 +86,8 @@ struct Geometry {
   virtual ~Geometry() = default;
 
   NamedGeometry named;
-  // What it was opened from, by which it pickles; the text is empty of what was in memory.
+  // The arguments that it was opened from, by which it pickles; the text is empty for geometry in
+  // memory.
   std::string spec = {};
   std::filesystem::path model = {};
   std::vector<PosedImage> references = {};
@@ -97,14 +99,14 @@ struct SfmPoints final : Geometry {
   using Geometry::Geometry;
 };
 
-// By its text where it was opened from one; else its mesh or depth maps. InputError for other
-// geometry.
+// Returns the text that the geometry was opened from, else its mesh or depth maps. Throws
+// InputError for other geometry.
 py::tuple StateOf(const Geometry& geometry);
 Geometry GeometryOf(const py::tuple& state);
 
 NamedGeometry ToGeometry(const GeometryLike& geometry, const GeometryContext& context = {});
 
-// "KIND:PATH,key=value,...", as the option --geometry takes it, from keywords.
+// Returns "KIND:PATH,key=value,...", as the option --geometry takes it, from keywords.
 std::string SpecOf(const std::string& kind, const std::filesystem::path& path,
                    const py::kwargs& keys);
 

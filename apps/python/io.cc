@@ -16,7 +16,7 @@ namespace {
 
 using ModelPointer = std::shared_ptr<ColmapModel>;
 
-// An image of a model. Items of its own, as COLMAP's are.
+// Returns an image of a model, with items of its own, as COLMAP's are.
 py::dict ImageDict(const ColmapImage& image) {
   py::dict dict;
   dict["name"] = image.name;
@@ -80,7 +80,7 @@ void RequireFinite(const std::string& name, const auto& numbers) {
   if (!numbers.allFinite()) throw InputError(name + ": expected finite numbers");
 }
 
-// An image's keypoints say which points they observe by `add_image`, or learn it by `add_point3d`.
+// Adds an image, whose keypoints say which points they observe, or learn it by `add_point3d`.
 void AddImage(ColmapModel& model, uint32_t image_id, const std::string& name, uint32_t camera_id,
               const PoseLike& pose, const std::optional<ArrayLike>& points2d,
               const std::optional<ArrayLike>& point3d_ids) {
@@ -112,7 +112,8 @@ void AddImage(ColmapModel& model, uint32_t image_id, const std::string& name, ui
   model.images[image_id] = std::move(image);
 }
 
-// The keypoint that a track names. InputError where there is none, or it observes another point.
+// Returns the keypoint that a track names. Throws InputError where there is none, or it observes
+// another point.
 ColmapImage::Point2D& Observed(ColmapModel& model, uint64_t point_id, int64_t image_id,
                                int64_t index) {
   const std::string what = fmt::format("point {}, track", point_id);
@@ -159,7 +160,7 @@ void AddPoint(ColmapModel& model, uint64_t id, const ArrayLike& position, const 
   model.points3d[id] = std::move(point);
 }
 
-// COLMAP reads no model whose keypoints observe points that are not there.
+// Throws InputError where keypoints observe points that are not there: COLMAP reads no such model.
 void RequireObservedPoints(const ColmapModel& model) {
   for (const auto& [id, image] : model.images) {
     for (size_t i = 0; i < image.points2d.size(); ++i) {

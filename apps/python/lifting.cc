@@ -30,7 +30,7 @@ namespace {
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
-// What pixels show, by columns; where there is no surface, NaN and source -1.
+// Columns of what pixels show; where there is no surface, NaN and source -1.
 class SurfaceColumns {
  public:
   explicit SurfaceColumns(py::ssize_t count)
@@ -77,8 +77,8 @@ class SurfaceColumns {
   py::array_t<int64_t> source_;
 };
 
-// Of each pixel the point of the first source that has one, and which. The call can be ended after
-// each block of pixels.
+// Returns for each pixel the point of the first source that has one, and the index of this source.
+// The call can be ended after each block of pixels.
 SurfaceColumns LiftByFirst(std::span<const std::shared_ptr<const GeometrySource>> sources,
                            const PosedImageLike& reference, const ArrayLike& given_pixels) {
   constexpr size_t kBlock = size_t{1} << 16;
@@ -191,7 +191,7 @@ std::shared_ptr<DepthMaps> DepthFromArrays(const py::dict& maps,
   return geometry;
 }
 
-// Null where there is none.
+// Returns the reference's map; null where there is none.
 std::shared_ptr<const DepthMap> HeldMap(const DepthMaps& maps, const PosedImage& reference) {
   if (maps.named.maps) return maps.named.maps->Load(reference);
   const auto* const memory = dynamic_cast<const DepthInMemory*>(maps.named.source.get());
@@ -201,7 +201,7 @@ std::shared_ptr<const DepthMap> HeldMap(const DepthMaps& maps, const PosedImage&
   return {maps.named.source, &found->second};
 }
 
-// The map as it is held, not to be written to; None where there is none.
+// Returns the map as it is held, not to be written to; None where there is none.
 py::object LoadMap(const DepthMaps& maps, const PosedImageLike& reference) {
   const PosedImage image = ToPosedImage(reference);
   const auto map = WithoutLock([&] { return HeldMap(maps, image); });
@@ -215,7 +215,7 @@ py::object LoadMap(const DepthMaps& maps, const PosedImageLike& reference) {
   return array;
 }
 
-// Each N-th pixel, so that it is no larger than a notebook's pictures.
+// Returns each N-th pixel, so that the map is no larger than a notebook's pictures.
 DepthMap Thumbnail(const DepthMap& map) {
   const int step = (std::max(map.width_px, map.height_px) + kPictureSidePx - 1) / kPictureSidePx;
   DepthMap small{.width_px = map.width_px / step, .height_px = map.height_px / step, .z = {}};
@@ -225,7 +225,8 @@ DepthMap Thumbnail(const DepthMap& map) {
   return small;
 }
 
-// A PNG of the first map that there is, near surfaces dark and far ones bright; None without one.
+// Returns a PNG of the first map that there is, near surfaces dark and far ones bright; nullopt
+// without one.
 std::optional<py::bytes> PictureOf(const DepthMaps& maps) {
   const auto picture = WithoutLock([&]() -> std::optional<std::string> {
     for (const PosedImage& reference : maps.references) {
@@ -249,7 +250,7 @@ std::optional<py::bytes> PictureOf(const DepthMaps& maps) {
   return py::bytes(*picture);
 }
 
-// Pickles as its state says, and copies share what they hold.
+// Makes a class pickle by its state; copies share what they hold.
 template <typename T, typename... Bound>
 void BindGeometryState(py::class_<T, Bound...>& bound) {
   BindState(
@@ -376,7 +377,7 @@ class Lifter {
   py::tuple State() const { return py::make_tuple(geometry_, std::string(ToString(mode_))); }
 
  private:
-  py::tuple geometry_;  // as it was given
+  py::tuple geometry_;  // as given by the caller
   std::vector<std::shared_ptr<const GeometrySource>> sources_;
   GeometryMode mode_;
 };
@@ -462,7 +463,7 @@ std::shared_ptr<KnownProblem> WithCandidates(const KnownProblem& problem, const 
   });
 }
 
-// "0.5", "true", "a/b" for a list: as keys of a specification stand.
+// Returns the text of a value as in a specification: "0.5", "true", "a/b" for a list.
 std::string KeyText(const py::handle& value) {
   if (py::isinstance<py::bool_>(value)) return value.cast<bool>() ? "true" : "false";
   if (py::isinstance<py::float_>(value)) return FormatDouble(value.cast<double>());
@@ -514,7 +515,7 @@ py::tuple StateOf(const Geometry& geometry) {
   if (!geometry.spec.empty()) {
     return py::make_tuple(geometry.spec, geometry.model.string(), geometry.references);
   }
-  // What was opened by a text, or is corrected, is more than its mesh.
+  // Geometry that was opened by a text, or is corrected, is more than its mesh.
   const bool is_memory = geometry.named.source->Description().ends_with(kFromMemory);
   if (const auto& caster = geometry.named.mesh; caster && is_memory) {
     return py::make_tuple(std::const_pointer_cast<TriangleMesh>(std::shared_ptr<const TriangleMesh>(

@@ -48,9 +48,9 @@ LocalizerOptions TakeLocalizerOptions(Keywords& keywords) {
   return options;
 }
 
-// How references are retrieved, where that is said. Without prior poses, what needs them is of
-// leave_one_out(), where the references' own are taken. A descriptor of the caller's own goes to
-// `own`.
+// Takes the options of retrieval, where they are given. A method that needs prior poses and has
+// none is for leave_one_out(), which takes the references' own. A descriptor of the caller's own
+// goes to `own`.
 std::optional<RetrievalOptions> TakeRetrieval(Keywords& keywords, const Scene& scene,
                                               OwnMatching& own) {
   RetrievalFlags flags;
@@ -134,7 +134,7 @@ MatchingOptions TakeMatchingOptions(Keywords& keywords, const Scene& scene, OwnM
   return options;
 }
 
-// A copy of the caller's dict with copies of the dicts in it, which the caller may change later.
+// Returns a copy of the caller's dict and of the dicts in it, which the caller may change later.
 py::dict CopyOf(const py::dict& given) {
   const auto is_dict = [](const py::handle& value) { return py::isinstance<py::dict>(value); };
   py::dict copy;
@@ -144,7 +144,7 @@ py::dict CopyOf(const py::dict& given) {
   return copy;
 }
 
-// What Localizer of the module holds. The front end extracts the references' features when the
+// The state of the module's Localizer. The front end extracts the references' features when the
 // first query needs them.
 class SceneLocalizer {
  public:
@@ -175,12 +175,12 @@ class SceneLocalizer {
       matching_.front_end.features.emplace(
           image.name, ToFeatures(reference_features[py::str(image.name)], SizeOf(image.camera)));
     }
-    // Options out of their range are told now.
+    // This throws for options out of their range.
     Localizer(scene_, nullptr, options_);
   }
 
   Localizer WithoutMatches() const { return {scene_, nullptr, options_}; }
-  // Without the interpreter's lock.
+  // Runs without the interpreter's lock.
   Localizer ForQueries() {
     {
       const std::lock_guard<std::mutex> lock(mutex_);
@@ -188,8 +188,8 @@ class SceneLocalizer {
     }
     return {CalibratedScene(source_), source_, options_};
   }
-  // The scene as every query sees it that the front end matches, alone or among others: what is
-  // learned of it is learned once, from the references.
+  // Returns the scene as every query that the front end matches sees it, alone or among others: its
+  // calibration is learned once, from the references.
   std::shared_ptr<const Scene> CalibratedScene(const std::shared_ptr<const MatchSource>& source) {
     const std::lock_guard<std::mutex> lock(mutex_);
     if (!calibrated_) {
@@ -201,7 +201,7 @@ class SceneLocalizer {
     }
     return calibrated_;
   }
-  // What it was made of.
+  // Returns the arguments that it was made of.
   const py::tuple& state() const { return state_; }
   const Scene& scene() const { return *scene_; }
   const ScenePointer& shared_scene() const { return scene_; }
@@ -241,7 +241,7 @@ class SceneLocalizer {
 
 using CameraArgument = std::optional<CameraLike>;
 
-// The query with what is known of it; `unknown` says what there is to know without a camera.
+// Returns the query with its priors; `unknown` makes the query where no camera is given.
 Query AskedQuery(const std::string& name, const CameraArgument& camera, PosePriors priors,
                  const std::function<Query()>& unknown) {
   return WithPriors(camera ? Query{name, ToCamera(*camera)} : unknown(), std::move(priors));
@@ -306,8 +306,8 @@ ResultPointer LocalizeOne(SceneLocalizer& localizer, const py::object& query,
   return LocalizePhotograph(localizer, asked, photograph);
 }
 
-// The rows of matches that lie inside of their images, as of the program's files of pixels; most
-// must, but of a single reference or where they are few.
+// Returns the matches that lie inside of their images, as for the program's files of pixels. Throws
+// InputError where most of many lie outside.
 QueryMatches ToMatches(const Query& asked, const Rows<2>& query, const Rows<2>& reference,
                        const std::vector<std::string>& reference_names,
                        const std::optional<ArrayLike>& query_keypoints,
@@ -429,7 +429,7 @@ py::dict LeaveOneOut(SceneLocalizer& localizer, int threads,
                             progress);
 }
 
-// What became of it in JSON, the estimate and the problem.
+// The localized query, the estimate and the problem in JSON.
 using ResultState = std::tuple<std::string, std::string, ProblemState>;
 ResultState StateOf(const KnownResult& result) {
   return {ToJson(result.localized).dump(), python::StateOf(result.localized.estimate),
@@ -445,8 +445,8 @@ ResultPointer ResultOf(const ResultState& state) {
   return result;
 }
 
-// What the photograph's camera sees of the scene from the pose that was found; nullopt without a
-// pose, or where the scene, which has a mesh, a cloud or splats, is no more.
+// Returns what the photograph's camera sees of the scene from the pose that was found; nullopt
+// without a pose, or where the scene, which has a mesh, a cloud or splats, no longer exists.
 std::optional<Image> PictureOf(const KnownResult& result) {
   const auto surface = result.surface.lock();
   const auto& pose = result.localized.estimate.cam_from_world;

@@ -15,7 +15,7 @@
 namespace raylift::python {
 namespace {
 
-// Keeps an object that is called, copied and let go of by threads without the interpreter's lock.
+// Returns a shared object that threads without the interpreter's lock may copy and let go of.
 std::shared_ptr<const py::object> Shared(py::object object) {
   return {new py::object(std::move(object)), [](const py::object* held) {
             const py::gil_scoped_acquire lock;

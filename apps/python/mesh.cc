@@ -20,7 +20,7 @@ std::shared_ptr<TriangleMesh> MeshFromArrays(const ArrayLike& vertices, const Ar
   for (size_t i = 0; i < indices.size(); ++i) {
     for (size_t k = 0; k < 3; ++k) {
       const int64_t index = corners[i][static_cast<Eigen::Index>(k)];
-      // What is not an index of a vertex in 32 bits either is reported as the largest one.
+      // A number that is not an index of a vertex in 32 bits either is reported as the largest one.
       constexpr int64_t kMost = std::numeric_limits<uint32_t>::max();
       indices[i][k] = static_cast<uint32_t>(index < 0 || index > kMost ? kMost : index);
     }
@@ -32,7 +32,7 @@ std::shared_ptr<TriangleMesh> MeshFromArrays(const ArrayLike& vertices, const Ar
   });
 }
 
-// "mesh:..." as the option --geometry takes it, or the files alone.
+// Reads "mesh:...", as the option --geometry takes it, or files alone.
 std::shared_ptr<TriangleMesh> ReadMeshOf(const std::string& files_or_spec, int threads) {
   return WithoutLock([&] {
     const MeshSpec spec = IsMeshSpec(files_or_spec) ? ParseMeshSpec(files_or_spec, MeshUse::kRender)
@@ -41,7 +41,7 @@ std::shared_ptr<TriangleMesh> ReadMeshOf(const std::string& files_or_spec, int t
   });
 }
 
-// A view of memory that `owner` keeps alive; not to be written to.
+// Returns a view of memory that `owner` keeps alive; not to be written to.
 template <typename T>
 py::array_t<T> View(const T* data, const std::vector<py::ssize_t>& shape, const py::object& owner) {
   py::array_t<T> array(shape, data, owner);
@@ -64,8 +64,8 @@ void ForEachList(Mesh& mesh, const Function& function) {
 
 using LabelState = std::tuple<uint32_t, py::bytes, py::bytes, uint32_t, py::bytes>;
 
-// The origin, the textures, the warnings, the lists of numbers, the labels and how many instances
-// there are.
+// Returns the origin, the textures, the warnings, the lists of numbers, the labels and the number
+// of instances.
 py::tuple MeshState(const TriangleMesh& mesh) {
   py::list textures, lists;
   for (const Image& texture : mesh.textures) {

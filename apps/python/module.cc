@@ -1,4 +1,4 @@
-// The module raylift._core and what becomes of C++ exceptions.
+// Defines the module raylift._core, and translates C++ exceptions.
 
 #include <cstdio>
 #include <regex>
@@ -11,7 +11,8 @@
 namespace raylift::python {
 namespace {
 
-// Options are keywords here: "--min-iterations = 0: ..." becomes "min_iterations = 0: ...".
+// Returns the message with keywords in place of options: "--min-iterations = 0: ..." becomes
+// "min_iterations = 0: ...".
 std::string MessageInKeywords(const OptionError& error) {
   const std::string message = MessageInOptions(error);
   static const std::regex kOption("(^|[^-\\w])--([a-z][-a-z0-9]*)");
@@ -26,7 +27,7 @@ std::string MessageInKeywords(const OptionError& error) {
   return text + std::string(rest, message.cend());
 }
 
-// They live as long as the interpreter.
+// These live as long as the interpreter.
 PyObject* wrong_type = nullptr;
 
 void TranslateExceptions(py::module_& module) {
@@ -62,7 +63,7 @@ void TranslateExceptions(py::module_& module) {
   });
 }
 
-// What a function was called with.
+// The arguments of a call.
 struct Given {
   py::list arguments;
   py::dict keywords;
@@ -72,7 +73,8 @@ Given ToGiven(PyObject* arguments, PyObject* keywords) {
   if (keywords != nullptr) given.keywords = py::reinterpret_borrow<py::dict>(keywords);
   return given;
 }
-// As newer versions are called: with the values of the keywords behind the others.
+// Takes arguments as newer versions of Python pass them: the values of the keywords behind the
+// others.
 Given ToGiven(PyObject* const* values, size_t flagged_count, PyObject* names) {
   Given given;
   auto next = static_cast<size_t>(PyVectorcall_NARGS(flagged_count));
@@ -84,7 +86,7 @@ Given ToGiven(PyObject* const* values, size_t flagged_count, PyObject* names) {
   return given;
 }
 
-// Tells of arguments that fit no signature by raylift._arguments, in one line. Python's functions
+// Reports arguments that fit no signature by raylift._arguments, in one line. Python's functions
 // are called while no error is set.
 template <typename... Arguments>
 void MendTypeError(Arguments... arguments) {
@@ -102,7 +104,7 @@ void MendTypeError(Arguments... arguments) {
   }
 }
 
-// pybind11's functions have one entry in common.
+// Wraps the one entry that pybind11's functions have in common.
 template <typename... Arguments>
 struct Mended {
   using Entry = PyObject* (*)(PyObject*, Arguments...);
@@ -135,7 +137,7 @@ void WrapFunction(py::handle function) {
   }
 }
 
-// All functions of a module, and the methods of its classes.
+// Wraps all functions of a module, and the methods of its classes.
 void WrapFunctions(const py::handle& owner) {
   const py::object members = py::module_::import("builtins").attr("vars")(owner);
   for (const py::handle pair : py::list(members.attr("items")())) {
@@ -149,8 +151,8 @@ void WrapFunctions(const py::handle& owner) {
   }
 }
 
-// pybind11 before 2.12 takes numpy 2's arrays for those of numpy 1, and all their rows for the
-// first.
+// Refuses numpy 2 with pybind11 before 2.12, which takes its arrays for those of numpy 1, and all
+// their rows for the first.
 void RefuseNumpyThatIsNotKnown() {
 #if PYBIND11_VERSION_HEX < 0x020C0000
   const auto version = py::module_::import("numpy").attr("__version__").cast<std::string>();
@@ -162,7 +164,8 @@ void RefuseNumpyThatIsNotKnown() {
 #endif
 }
 
-// What is printed is there when a command ends, however it does; Python knows nothing of this buffer.
+// Flushes what is printed when a command ends, however it does: Python knows nothing of this
+// buffer.
 struct FlushesOutput {
   ~FlushesOutput() { std::fflush(stdout); }
 };

@@ -1,4 +1,4 @@
-// What rays are cast at, meshes, clouds and splats of files or in memory, and rays of arrays.
+// Ray casting: at meshes, clouds and splats of files or in memory, along rays of arrays.
 
 #include <array>
 #include <limits>
@@ -32,7 +32,7 @@ void RequireRows(const char* name, size_t found, size_t expected) {
   throw InputError(fmt::format("{}: expected {} rows, found {}", name, expected, found));
 }
 
-// As many rows as there are points.
+// Returns as many rows as there are points.
 template <int kColumns, typename T>
 std::vector<Eigen::Matrix<T, kColumns, 1>> RowsOf(const std::optional<ArrayLike>& argument,
                                                   const char* name, size_t count) {
@@ -106,7 +106,7 @@ CasterPointer CasterOfSplats(const ArrayLike& means, const ArrayLike& rotations,
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
-// Rays whose arrays were given.
+// Rays from arrays that Python gave.
 class GivenRays {
  public:
   GivenRays(const ArrayLike& origins, const ArrayLike& directions, double t_near)
@@ -134,7 +134,7 @@ class GivenRays {
   double t_near_;
 };
 
-// In blocks, so that many rays are shared by many threads.
+// Works in blocks, so that many rays are shared by many threads.
 template <typename Work>
 void ForRays(size_t count, int threads, const Work& work) {
   constexpr size_t kBlock = 4096;
@@ -142,7 +142,7 @@ void ForRays(size_t count, int threads, const Work& work) {
               [&](size_t block) { work(block * kBlock, std::min(count, (block + 1) * kBlock)); });
 }
 
-// What cast() returns, row by row.
+// The arrays that cast() returns, filled row by row.
 class HitArrays {
  public:
   explicit HitArrays(py::ssize_t count)
@@ -157,7 +157,7 @@ class HitArrays {
         triangles_data_(triangles_.mutable_data()),
         barycentric_data_(barycentric_.mutable_data()) {}
 
-  // Without the interpreter's lock.
+  // May be called without the interpreter's lock.
   void Set(size_t i, const Ray& ray, const std::optional<RayHit>& hit) {
     const Eigen::Vector3d none = Eigen::Vector3d::Constant(kNaN);
     ray_t_data_[i] = hit ? hit->ray_t : kNaN;
@@ -188,7 +188,8 @@ class HitArrays {
   double* barycentric_data_;
 };
 
-// Whether the rays run so close together, as those of a picture's row, that packets are faster.
+// Returns whether the rays run so close together, as those of a picture's row, that packets are
+// faster.
 bool AreCoherent(std::span<const Ray> rays) {
   constexpr double kLeastCosine = 0.99;
   const Eigen::Vector3d& first = rays.front().direction_in_world;
@@ -225,7 +226,7 @@ void CastTogether(const RayCaster& caster, std::span<const Ray> rays,
   }
 }
 
-// RayCaster::Cast(), with coherent rays in packets.
+// Casts like RayCaster::Cast(), with coherent rays in packets.
 std::vector<std::optional<RayHit>> CastInPackets(const RayCaster& caster,
                                                  std::span<const Ray> rays) {
   std::vector<std::optional<RayHit>> hits;
@@ -244,7 +245,7 @@ std::vector<std::optional<RayHit>> CastInPackets(const RayCaster& caster,
   return hits;
 }
 
-// Whether most rays run close together with those beside them, by a sample.
+// Returns whether most rays run close together with those beside them, judged by a sample.
 bool RunTogether(const GivenRays& rays) {
   constexpr size_t kStep = 16 * RayBlock::kSize;
   size_t together = 0;

@@ -19,18 +19,19 @@
 namespace raylift::python {
 namespace {
 
-// As the program: what has no colors needs light to show its shape.
+// Returns the shading that the program uses: a surface without colors needs light to show its
+// shape.
 ColorOptions::Shading ShadingOf(const RayCaster& caster) {
   return caster.HasColors() ? ColorOptions::Shading::kUnlit : ColorOptions::Shading::kHeadlight;
 }
 
-// Nothing in Python can change it.
+// Returns the mesh without const: nothing in Python can change it.
 std::shared_ptr<TriangleMesh> SharedMesh(const Caster& caster) {
   return std::const_pointer_cast<TriangleMesh>(
       std::shared_ptr<const TriangleMesh>(caster.caster, &caster.caster->mesh()));
 }
 
-// What a call renders.
+// The products and options that a call renders.
 struct Pictures {
   std::vector<Product> products;
   FrameOptions frame;
@@ -94,7 +95,7 @@ py::object TakeMap(Product product, Frame& frame) {
 py::dict TakeMaps(const Pictures& pictures, const TriangleMesh& mesh, Frame& frame) {
   py::dict maps;
   const auto& products = pictures.products;
-  // Before the maps of depth and triangles are handed over.
+  // This comes before the maps of depth and triangles are handed over.
   if (std::find(products.begin(), products.end(), Product::kInverseDepth) != products.end()) {
     maps["inverse_depth"] = HandOver(InverseDepths(frame), {frame.height_px, frame.width_px});
   }
@@ -124,11 +125,11 @@ py::dict Render(Caster& caster, const CameraLike& camera, const PoseLike& pose,
 }
 
 struct Views {
-  std::vector<std::shared_ptr<const PixelRays>> rays;  // of each pose
+  std::vector<std::shared_ptr<const PixelRays>> rays;  // one per pose
   std::vector<Rigid3> poses;
 };
 
-// One camera for all poses, or one for each.
+// Makes views of one camera for all poses, or of one for each.
 Views ToViews(Caster& caster, const py::object& cameras, const std::vector<PoseLike>& poses,
               int threads) {
   Views views;
@@ -169,8 +170,8 @@ py::list RenderMany(Caster& caster, const py::object& cameras, const std::vector
   return maps;
 }
 
-// How alike a view of the mesh and what is known of the photograph are; each is compared where it
-// is given.
+// The known mask, depth and edges of a photograph, with which views of the mesh are compared; each
+// is compared where it is given.
 struct Goal {
   std::optional<py::array_t<bool>> mask;
   std::optional<py::array_t<float>> depth;
@@ -192,7 +193,7 @@ std::optional<py::array_t<T>> GoalMap(const std::optional<ArrayLike>& argument, 
   return array;
 }
 
-// Of the pixels that either shows, the share that both show.
+// Returns the intersection of mask and rendered surface over their union, in pixels.
 double MaskScore(const bool* mask, const std::vector<float>& depth) {
   size_t both = 0, either = 0;
   for (size_t i = 0; i < depth.size(); ++i) {
@@ -203,7 +204,8 @@ double MaskScore(const bool* mask, const std::vector<float>& depth) {
   return either > 0 ? static_cast<double>(both) / static_cast<double>(either) : 0;
 }
 
-// Of the pixels with a known depth, the share whose rendered depth is within the tolerance of it.
+// Returns the share of the pixels with a known depth z whose rendered depth is within tolerance * z
+// of it.
 double DepthScore(const float* known, const std::vector<float>& depth, double tolerance) {
   size_t count = 0, near = 0;
   for (size_t i = 0; i < depth.size(); ++i) {
@@ -214,10 +216,10 @@ double DepthScore(const float* known, const std::vector<float>& depth, double to
   return count > 0 ? static_cast<double>(near) / static_cast<double>(count) : 0;
 }
 
-// The mean of the given image over the depth edges of the view, its outline among them.
+// Returns the mean of the given image over the depth edges of the view, its outline among them.
 double EdgeScore(const float* edges, const Frame& frame) {
   DepthMap map{frame.width_px, frame.height_px, frame.depth};
-  // What is not there is far off, so that outlines are edges, too.
+  // Pixels without a surface are far off, so that outlines are edges, too.
   constexpr float kFar = 1e30f;
   for (float& z : map.z) {
     if (!(z > 0)) z = kFar;
@@ -300,7 +302,7 @@ std::vector<Rigid3> SampleViews(const Caster& caster, const CameraLike& camera, 
   });
 }
 
-// Of one at a mesh. InputError for those at clouds and splats.
+// The state of a ray caster at a mesh. Throws InputError for those at clouds and splats.
 using CasterState = std::pair<std::shared_ptr<TriangleMesh>, std::string>;
 
 CasterState StateOf(const Caster& caster) {

@@ -19,8 +19,8 @@ namespace {
 using ScenePointer = std::shared_ptr<Scene>;
 using SourceList = std::vector<GeometryLike>;
 
-// What was opened from a text has a state, unless that does not say all: it is corrected, or of a
-// model that is thinned out or was in memory.
+// Returns whether the source's text tells all of it: it was opened from the text, is not corrected,
+// and is of no model that is thinned out or was in memory.
 bool HasText(const Scene& scene, const SceneSource& source) {
   if (source.spec.ends_with(kFromMemory) || source.as_read != nullptr) return false;
   if (source.geometry.kind != GeometryKind::kSfm) return true;
@@ -29,7 +29,7 @@ bool HasText(const Scene& scene, const SceneSource& source) {
          (references.model.empty() || std::filesystem::exists(references.model));
 }
 
-// A scene's source as one that was opened by itself.
+// Returns a scene's source as one that was opened by itself.
 std::shared_ptr<Geometry> GeometryOf(const Scene& scene, const SceneSource& source) {
   if (!HasText(scene, source)) return std::make_shared<Geometry>(source.geometry);
   const bool has_context =
@@ -42,8 +42,8 @@ std::shared_ptr<Geometry> GeometryOf(const Scene& scene, const SceneSource& sour
   return std::make_shared<Geometry>(source.geometry, source.spec, context);
 }
 
-// The text by which a scene opens what was opened by itself. That of what cannot be opened again
-// says that it is from memory.
+// Returns the text by which a scene opens geometry that was opened by itself. The text of geometry
+// that cannot be opened again says that it is from memory.
 std::string SpecInScene(const Geometry& geometry, const Scene& scene) {
   constexpr std::string_view kSfm = "sfm";
   const std::string& spec = geometry.spec;
@@ -60,7 +60,7 @@ std::string SpecInScene(const Geometry& geometry, const Scene& scene) {
   return fmt::format("{}:{}{}", kSfm, geometry.model.string(), rest.substr(path_end));
 }
 
-// Texts are opened for the scene's references, as --geometry is.
+// Adds sources; texts are opened for the scene's references, as --geometry is.
 void AddSources(Scene& scene, const SourceList& geometry, int threads) {
   for (const GeometryLike& one : geometry) {
     if (py::isinstance<py::str>(one)) {
@@ -77,8 +77,9 @@ void AddSources(Scene& scene, const SourceList& geometry, int threads) {
   }
 }
 
-// The temporary folder into which an object that has a COLMAP model (pycolmap.Reconstruction,
-// ColmapModel) has written it; None for a path, and for what is none: an open file writes, too.
+// Returns the temporary folder into which an object that has a COLMAP model
+// (pycolmap.Reconstruction, ColmapModel) has written it; None for a path, and for other objects: an
+// open file writes, too.
 py::object WrittenModel(const ModelLike& model) {
   if (!py::hasattr(model, "write") || py::hasattr(model, "fileno")) return py::none();
   const py::object folder = py::module_::import("tempfile").attr("TemporaryDirectory")();
@@ -112,7 +113,7 @@ ScenePointer MakeScene(const std::vector<PosedImageLike>& references, const Sour
   return scene;
 }
 
-// Geometry by the text that it was opened from, or what it holds in memory.
+// Returns the text that the geometry was opened from, or what it holds in memory.
 py::object StateOf(const SceneSource& source) {
   if (!source.spec.ends_with(kFromMemory)) return py::str(source.spec);
   NamedGeometry as_read = source.geometry;  // its corrections are of the scene's calibration
@@ -120,7 +121,8 @@ py::object StateOf(const SceneSource& source) {
   return python::StateOf(Geometry(std::move(as_read)));
 }
 
-// The references with their poses, the texts of what is read anew, and what is known of the scene.
+// Returns the references with their poses, the texts of what is read anew, and what is known of the
+// scene.
 py::tuple StateOf(const Scene& scene) {
   const ReferenceSet& references = scene.references;
   const bool has_model = scene.covisibility != nullptr;

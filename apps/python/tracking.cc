@@ -14,7 +14,7 @@
 namespace raylift::python {
 namespace {
 
-// What Tracker of the package holds; the scene's distances are learned with the first photograph.
+// The state of the package's Tracker; the scene's distances are learned with the first photograph.
 class SceneTracker {
  public:
   SceneTracker(std::shared_ptr<Scene> scene, OdometryScale scale, double min_confidence)

@@ -25,9 +25,8 @@ std::string WithoutExtension(const std::string& name) {
   return path(name).replace_extension().generic_string();
 }
 
-// What the cameras of the first model say of their lenses, by their names without extensions: lines
-// `name f qw qx qy qz cx cy cz k 0`, the poses of which are not used. Throws InputError for
-// anything else.
+// Reads the lenses of the first model's cameras, by their names without extensions: lines `name f
+// qw qx qy qz cx cy cz k 0`, the poses of which are not used. Throws InputError for anything else.
 std::map<std::string, Focal> ReadFocals(const path& file) {
   LineReader lines(file);
   const auto header = lines.NextContent();

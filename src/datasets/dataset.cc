@@ -127,10 +127,11 @@ path WriteImportedScene(const path& folder, const ImportedScene& scene, std::str
 
 namespace {
 
-// Text files round; more than this is another matrix.
+// Rotations in text files are rounded; a matrix farther from a rotation than this is another
+// matrix.
 constexpr double kRotationTolerance = 0.02;
 
-// Numbers as they were printed, infinities of Windows ("-1.#INF") included.
+// Parses numbers as they were printed, infinities of Windows ("-1.#INF") included.
 double NumberOrInfinity(const LineReader& lines, std::string_view token) {
   if (const auto number = ParseDouble(token)) return *number;
   for (const std::string_view none : {"INF", "inf", "IND", "NAN", "nan", "QNAN"}) {
@@ -156,7 +157,7 @@ Eigen::Matrix4d ReadAnyMatrix(const path& file) {
   return matrix;
 }
 
-// Why images were skipped, to end a message.
+// Returns why images were skipped, to end a message.
 std::string Reasons(const ImportedScene& scene) {
   std::string reasons;
   for (const std::string& warning : scene.warnings) reasons += "; " + warning;

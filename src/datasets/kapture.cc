@@ -20,7 +20,8 @@ namespace {
 
 using std::filesystem::path;
 
-// qw, qx, qy, qz, tx, ty, tz from a field on; none where one is empty, which means unknown.
+// Parses qw, qx, qy, qz, tx, ty, tz from a field on; nullopt where one is empty, which means
+// unknown.
 std::optional<Rigid3> ParsePose(const LineReader& lines,
                                 const std::vector<std::string_view>& fields, size_t first) {
   std::array<double, 7> numbers{};
@@ -37,10 +38,10 @@ std::optional<Rigid3> ParsePose(const LineReader& lines,
   return Rigid3{*rotation, {numbers[4], numbers[5], numbers[6]}};
 }
 
-// The differences between the two formats.
+// The two formats, which differ in names, headers and poses.
 enum class Form { kKapture, kCapture };
 
-// The comma-separated fields of each line.
+// Reads the comma-separated fields of each line.
 class CsvReader {
  public:
   CsvReader(const path& file, Form form) : lines_(file), form_(form) {
@@ -51,7 +52,7 @@ class CsvReader {
     }
   }
 
-  // The next line of at least `count` fields, or none at the end.
+  // Returns the next line of at least `count` fields; nullopt at the end.
   std::optional<std::vector<std::string_view>> Next(size_t count) {
     const auto line = lines_.NextContent();
     if (!line) return std::nullopt;
@@ -76,7 +77,7 @@ class CsvReader {
   Form form_;
 };
 
-// By id; none where the model is unknown. Other sensors are left out.
+// Returns the cameras by id; nullopt where the model is unknown. Other sensors are left out.
 std::map<std::string, std::optional<Camera>> ReadCameras(const path& file, Form form) {
   std::map<std::string, std::optional<Camera>> cameras;
   CsvReader csv(file, form);
@@ -97,7 +98,7 @@ struct Mount {
   Rigid3 sensor_from_rig;
 };
 
-// By sensor: the rigs that it is part of.
+// Returns by sensor the rigs that it is part of.
 std::map<std::string, std::vector<Mount>> ReadRigs(const path& file, Form form) {
   std::map<std::string, std::vector<Mount>> rigs;
   if (!std::filesystem::exists(file)) return rigs;
@@ -111,14 +112,15 @@ std::map<std::string, std::vector<Mount>> ReadRigs(const path& file, Form form) 
   return rigs;
 }
 
-// Times and devices.
+// Pairs of time and device.
 using Keys = std::set<std::pair<uint64_t, std::string>>;
 
 class Trajectories {
  public:
   Trajectories(const path& folder, Form form) : rigs_(ReadRigs(folder / "rigs.txt", form)) {
     path file = folder / "trajectories.txt";
-    // Sessions as they were recorded have poses of their own there, and the world's here.
+    // Sessions as they were recorded have poses of their own in the usual file, and the world's
+    // here.
     const path aligned = folder / "proc" / "alignment_trajectories.txt";
     if (form == Form::kCapture && std::filesystem::exists(aligned)) file = aligned;
     if (!std::filesystem::exists(file)) return;
@@ -161,7 +163,7 @@ class Trajectories {
   std::map<std::pair<uint64_t, std::string>, Rigid3> poses_;  // by time and device
 };
 
-// All records of cameras whose device or one of its rigs is `wanted` at that time.
+// Returns all records of cameras whose device or one of its rigs is `wanted` at that time.
 std::vector<KaptureImage> ReadImages(const path& folder, const path& records, Form form,
                                      const Keys* wanted) {
   const auto cameras = ReadCameras(folder / "sensors.txt", form);
@@ -309,12 +311,12 @@ std::vector<std::string> QuerySessions(const path& sessions) {
   return names;
 }
 
-// The name of an image below the folder of all sessions.
+// Returns the name of an image below the folder of all sessions.
 std::string NameBelowSessions(const std::string& session, const KaptureImage& image) {
   return session + "/raw_data/" + image.name;
 }
 
-// The images of a session with a camera and a photograph.
+// Returns the images of a session with a camera and a photograph.
 std::vector<KaptureImage> ReadSession(const path& sessions, const std::string& session,
                                       const path& keys, const ImportOptions& options,
                                       Skipped& skipped) {
@@ -362,7 +364,7 @@ void TakeQueries(const path& sessions, const std::string& session, const ImportO
   NotePublicPoses(scene);
 }
 
-// Meshes of the map, where it was scanned.
+// Takes the meshes of the map, where it was scanned.
 void TakeMeshes(const path& map, ImportedScene& scene) {
   const path meshes = map / "proc" / "meshes";
   if (!std::filesystem::is_directory(meshes)) {

@@ -26,7 +26,7 @@ std::set<std::string> ReadNames(const JsonPlace& root, std::string_view key) {
   return names;
 }
 
-// Those of a model whose photographs are there.
+// Returns the images of a model whose photographs are there.
 std::vector<PosedImage> ReadFrames(const path& model, const path& photographs,
                                    const ImportOptions& options, Skipped& skipped) {
   std::vector<PosedImage> frames;
@@ -137,7 +137,8 @@ std::optional<Calibrated> ReadCalibrated(const path& folder, std::string_view na
   return calibrated;
 }
 
-// The photographs as they were taken, where they are there: the depth maps are theirs.
+// Returns the calibration of the photographs as they were taken, where they are there: the depth
+// maps are theirs.
 Calibrated Choose(const path& folder, const ImportOptions& options) {
   std::optional<Calibrated> chosen;
   for (const std::string_view name : {kDistorted, kUndistorted}) {

@@ -67,7 +67,7 @@ ImportedScenes ImportAachen(const path& folder, const ImportOptions& options) {
 
 namespace {
 
-// The fields of img_00119_c0_1303398474779439us.jpg, from 0.
+// Returns a field of img_00119_c0_1303398474779439us.jpg, counted from 0.
 std::string FieldOfName(const std::string& name, size_t index) {
   const std::string stem = path(name).stem().string();
   const auto fields = SplitBy(stem, '_');
@@ -127,7 +127,7 @@ std::map<std::string, Rigid3> ReadPosesByCenter(const path& file) {
   return poses;
 }
 
-// The model and the list of poses should be the same.
+// Warns where the model and the list of poses, which should be the same, differ.
 void CompareReferences(const std::map<std::string, Rigid3>& listed, ImportedScene& scene) {
   constexpr double kFar = 0.01;
   size_t num_far = 0, num_common = 0;

@@ -26,7 +26,7 @@ constexpr double kDepthUnit = 1e-3;
 
 struct Frame {
   PosedImage image;
-  std::string depth;  // as named in the file; empty: none
+  std::string depth;  // the name in the file; empty: there is none
 };
 
 // The change that was made to the world: q = scale * (transform * p).
@@ -41,8 +41,8 @@ struct AppliedTransform {
   }
 };
 
-// Rows of a matrix; the last one may be left out. An element that is no number (null, as written
-// for infinity) makes all of it not finite.
+// Reads the rows of a matrix; the last one may be left out. An element that is no number (null, as
+// written for infinity) makes all of it not finite.
 Eigen::Matrix4d ReadRows(const JsonPlace& place) {
   Eigen::Matrix4d matrix = Eigen::Matrix4d::Identity();
   const size_t num_rows = place.ArraySize();
@@ -79,11 +79,12 @@ class Photographs {
     prefix_ = std::filesystem::canonical(folder).lexically_relative(root_);
   }
 
-  // The folder that names are relative to.
+  // Returns the folder that names are relative to.
   const path& root() const { return root_; }
 
-  // The photograph that a file_path means. Where there is none in its place, the ends of the path
-  // are tried: files come with names relative to some other folder, or of another computer.
+  // Returns the photograph that a file_path means. Where there is none in its place, the ends of
+  // the path are tried: files come with names relative to some other folder, or of another
+  // computer.
   std::optional<std::string> Find(const std::string& file_path) {
     const path name = Normal(file_path);
     if (const auto file = name.is_absolute() ? std::nullopt : Existing(name)) return NameOf(*file);
@@ -119,7 +120,8 @@ class Photographs {
     return rest;
   }
 
-  // "images/1" of the Blender scenes is images/1.png; instant-ngp tries other formats, too.
+  // Returns the file that exists: "images/1" of the Blender scenes is images/1.png; instant-ngp
+  // tries other formats, too.
   std::optional<path> Existing(const path& name) const {
     for (const char* extension : {"", ".png", ".jpg", ".jpeg", ".bmp", ".tga", ".exr"}) {
       path with_extension = name;
@@ -179,7 +181,7 @@ class NerfstudioReader {
       const JsonPlace place = list_.At(i);
       if (auto frame = ReadFrame(place, skipped)) frames.push_back(std::move(*frame));
     }
-    // As nerfstudio itself orders them.
+    // This is nerfstudio's own order.
     std::sort(frames.begin(), frames.end(),
               [](const Frame& a, const Frame& b) { return a.image.name < b.image.name; });
     for (size_t i = 1; i < frames.size(); ++i) {
@@ -190,7 +192,7 @@ class NerfstudioReader {
     return frames;
   }
 
-  // The names of a split; none where the file has no such list.
+  // Returns the names of a split; nullopt where the file has no such list.
   std::optional<std::set<std::string>> Names(std::string_view key) {
     if (!root_.Has(key)) return std::nullopt;
     std::set<std::string> names;
@@ -252,7 +254,7 @@ class NerfstudioReader {
   std::vector<std::string> notes_;
 };
 
-// Floats may as well be in the unit of the poses: the import cannot know.
+// Warns of depth in floats, which may as well be in the unit of the poses: the import cannot know.
 void WarnOfFloats(const path& file, ImportedScene& scene) {
   const StoredDepth stored = ReadDepthFile(file);
   if (!stored.sample_type.starts_with("float")) return;
@@ -264,7 +266,7 @@ void WarnOfFloats(const path& file, ImportedScene& scene) {
       file.filename().string(), first == stored.values.end() ? 0 : *first));
 }
 
-// Depth maps of all frames, if they are called after the photographs.
+// Takes the depth maps of all frames, if they are called after the photographs.
 void TakeDepth(const NerfstudioReader& reader, const std::vector<Frame>& frames,
                ImportedScene& scene) {
   const auto with_depth =
@@ -336,7 +338,7 @@ ImportedScene ImportFile(const path& file, const ImportOptions& options) {
   return scene;
 }
 
-// A file per split, as of the Blender scenes of NeRF.
+// Imports a file per split, as of the Blender scenes of NeRF.
 ImportedScene ImportSplitFiles(const path& folder, const path& queries,
                                const ImportOptions& options) {
   NerfstudioReader train(folder / "transforms_train.json", options), test(queries, options);

@@ -16,7 +16,7 @@ namespace {
 
 using std::filesystem::path;
 
-// Lines "key = value".
+// Reads lines "key = value".
 class Info {
  public:
   explicit Info(const path& file) : file_(file) {
@@ -28,7 +28,7 @@ class Info {
     }
   }
 
-  // The numbers of a value; at least `count`.
+  // Returns the numbers of a value; at least `count`.
   std::vector<double> Numbers(const std::string& key, size_t count) const {
     const auto value = values_.find(key);
     if (value == values_.end()) throw InputError(file_, key, "the value is missing");
@@ -59,8 +59,8 @@ class Info {
   std::map<std::string, std::string> values_;
 };
 
-// A PINHOLE whose center is counted from the center of the first pixel, as SensReader does
-// (sensorData.h projects to whole pixels): half a pixel more here.
+// Returns a PINHOLE camera. Its center is counted from the center of the first pixel, as SensReader
+// does (sensorData.h projects to whole pixels): half a pixel more here.
 Camera CameraOfSensor(int width_px, int height_px, double fx, double fy, double cx, double cy) {
   return Camera(CameraModel::kPinhole, width_px, height_px,
                 std::vector<double>{fx, fy, cx + 0.5, cy + 0.5});
@@ -85,7 +85,7 @@ Camera ReadColorCamera(const path& file) {
 
 namespace {
 
-// How an export is laid out.
+// The layout of an export.
 struct Export {
   path poses;
   std::string pose_suffix;
@@ -116,7 +116,7 @@ Export FindExport(const path& folder) {
           &ReadIntrinsics};
 }
 
-// SensReader can write smaller pictures, but not the intrinsics of them.
+// Warns of resized pictures: SensReader can write smaller ones, but not their intrinsics.
 void WarnOfResizedPictures(ImportedScene& scene) {
   constexpr double kFarFromMiddle = 0.1;
   const Camera& camera = scene.references.front().camera;

@@ -14,9 +14,9 @@ namespace {
 
 using std::filesystem::path;
 
-// The SfM poses of 7-Scenes and 12 Scenes by Brachmann et al. (ICCV 2021, "On the limits of pseudo
-// ground truth", folder pgt): SCENE_train.txt and SCENE_test.txt with rows `name qw qx qy qz tx ty
-// tz f`, world to camera, f the photograph's focal length.
+// Reads the SfM poses of 7-Scenes and 12 Scenes by Brachmann et al. (ICCV 2021, "On the limits of
+// pseudo ground truth", folder pgt): SCENE_train.txt and SCENE_test.txt with rows `name qw qx qy qz
+// tx ty tz f`, world to camera, f the photograph's focal length.
 class PseudoGroundTruth {
  public:
   // `scene` is the scene's folder: pgt/sfm/7scenes holds chess_train.txt, pgt/sfm/12scenes
@@ -36,8 +36,9 @@ class PseudoGroundTruth {
         pgt, fmt::format("expected {0}_train.txt and {0}_test.txt, or {1}_{0}_...", room, place));
   }
 
-  // The pose, and the camera with this focal length and its axis in the middle of the photograph,
-  // which was published in one size and is here in that of `fitted`; none where the files lack it.
+  // Returns the pose, and the camera with this focal length and its axis in the middle of the
+  // photograph, which was published in one size and is here in that of `fitted`; nullopt where the
+  // files lack it.
   std::optional<PosedImage> Find(const std::string& name, const PlaneSize& published,
                                  const Camera& fitted) const {
     const auto row = rows_.find(name);
@@ -79,7 +80,7 @@ class PseudoGroundTruth {
   std::map<std::string, Row> rows_;
 };
 
-// "sequence1" is the folder seq-01.
+// Reads the folders of sequences: "sequence1" is the folder seq-01.
 std::vector<std::string> ReadSequences(const path& file) {
   std::vector<std::string> sequences;
   LineReader lines(file);
@@ -95,7 +96,7 @@ std::vector<std::string> ReadSequences(const path& file) {
   return sequences;
 }
 
-// The poses and cameras of the photographs, by one of three readings of the data set.
+// Reads the poses and cameras of the photographs, by one of three readings of the data set.
 class SevenScenesReader {
  public:
   SevenScenesReader(const path& folder, const ImportOptions& options)
@@ -146,7 +147,8 @@ class SevenScenesReader {
 
  private:
   std::optional<PosedImage> MakeFrame(const std::string& name, const Rigid3& depth_from_world) {
-    // As published; what lens and registration leave is unknown, and everyone uses this.
+    // The camera is the published one; what lens and registration leave is unknown, and everyone
+    // uses this.
     const Camera& camera =
         camera_.Get([&] { return FitToPhotograph(SevenScenesColorCamera(), folder_ / name); });
     if (pgt_) {
@@ -161,7 +163,7 @@ class SevenScenesReader {
     return PosedImage{name, camera, SevenScenesColorFromDepth() * depth_from_world};
   }
 
-  // The same but for the rounding of text files.
+  // Returns whether the poses are the same but for the rounding of text files.
   static bool IsSame(const Rigid3& a, const Rigid3& b) {
     constexpr double kRounding = 1e-3;
     return (a.OriginInSource() - b.OriginInSource()).norm() < kRounding &&
@@ -211,7 +213,8 @@ namespace {
 
 constexpr PlaneSize kPublishedSize = {1296, 968};
 
-// The number of frames of the first sequence: "sequence0 [frames=357]  [start=0 ; end=356]".
+// Returns the number of frames of the first sequence:
+// "sequence0 [frames=357]  [start=0 ; end=356]".
 uint64_t ReadNumTestFrames(const path& file) {
   LineReader lines(file);
   const auto line = lines.NextContent();

@@ -28,12 +28,13 @@ Camera MakeCameraOf(CameraModel model, const Intrinsics& k, const std::vector<do
   return Camera(model, static_cast<int>(k.width_px), static_cast<int>(k.height_px), params);
 }
 
-// 1 + k1 q + k2 q^2 + k3 q^3 + k4 q^4.
+// Returns 1 + k1 q + k2 q^2 + k3 q^3 + k4 q^4.
 double Polynomial4(const std::vector<double>& d, double q) {
   return 1 + q * (d[0] + q * (d[1] + q * (d[2] + q * d[3])));
 }
 
-// |u|^2 of the point that is distorted to the farthest corner; less where the lens folds before.
+// Returns |u|^2 of the point that is distorted to the farthest corner; less where the lens folds
+// before.
 double SquaredRadiusOfCorner(const Intrinsics& k, const std::vector<double>& d) {
   const double x = std::max(k.cx, k.width_px - k.cx) / k.focal_x;
   const double y = std::max(k.cy, k.height_px - k.cy) / k.focal_y;
@@ -50,8 +51,9 @@ double SquaredRadiusOfCorner(const Intrinsics& k, const std::vector<double>& d) 
   return radius * radius;
 }
 
-// nerfstudio's k4 multiplies r^8 (as Metashape's does), which no perspective camera of COLMAP has:
-// the rational function of FULL_OPENCV nearest to it, if it is the same to a hundredth of a pixel.
+// Returns the FULL_OPENCV camera nearest to nerfstudio's lens, whose k4 multiplies r^8 (as
+// Metashape's does), as that of no perspective camera of COLMAP does. Throws InputError where the
+// two differ by more than a hundredth of a pixel.
 Camera FitFullOpenCv(const Intrinsics& k, const std::vector<double>& d) {
   constexpr int kNumNodes = 200;
   constexpr double kMaxErrorPx = 0.01;
@@ -105,7 +107,7 @@ Camera MakeFisheye(const Intrinsics& k, const std::vector<double>& d) {
                       {d[0], d[1], d[4], d[5], d[2], d[3], 0, 0});
 }
 
-// nerfstudio's azimuth is pi (x - cx) / fx, its elevation pi (cy - y) / fy.
+// Makes a panorama: nerfstudio's azimuth is pi (x - cx) / fx, its elevation pi (cy - y) / fy.
 Camera MakePanorama(const Intrinsics& k) {
   const auto is = [](double a, double b) { return std::abs(a - b) < 0.5; };
   if (!is(k.focal_x, 0.5 * k.width_px) || !is(k.focal_y, k.height_px) ||
@@ -131,7 +133,7 @@ class TransformsLens {
   }
   std::optional<double> Focal(char axis, double side_px) const;
   std::string ModelName() const;
-  // k1 k2 k3 k4 p1 p2, or what distortion_params holds.
+  // Returns k1 k2 k3 k4 p1 p2, or what distortion_params holds.
   std::vector<double> Distortion() const;
 
   const JsonPlace& frame_;
@@ -147,7 +149,8 @@ std::optional<double> TransformsLens::Number(std::string_view key) const {
   return std::nullopt;
 }
 
-// fl_x in pixels, camera_angle_x in radians or x_fov in degrees; of y likewise.
+// Returns the focal length in pixels, from fl_x in pixels, camera_angle_x in radians or x_fov in
+// degrees; of y likewise.
 std::optional<double> TransformsLens::Focal(char axis, double side_px) const {
   if (const auto focal = Number(fmt::format("fl_{}", axis))) return focal;
   if (const auto angle = Number(fmt::format("camera_angle_{}", axis))) {

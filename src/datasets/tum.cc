@@ -20,8 +20,8 @@ constexpr double kMaxGapS = 0.1;
 // Where there is but one side, as at the ends, a pose counts for this long.
 constexpr double kMaxDifferenceS = 0.02;
 
-// The calibrations that the authors publish (OpenCV's convention: k1 k2 p1 p2 k3). Pixel centers
-// are at whole numbers there.
+// Makes a camera by a calibration that the authors publish (OpenCV's convention: k1 k2 p1 p2 k3).
+// Pixel centers are at whole numbers there.
 Camera MakeCamera(double fx, double fy, double cx, double cy, const std::vector<double>& lens) {
   std::vector<double> params = {fx, fy, cx + 0.5, cy + 0.5};
   if (lens.empty()) return Camera(CameraModel::kPinhole, 640, 480, params);
@@ -30,7 +30,8 @@ Camera MakeCamera(double fx, double fy, double cx, double cy, const std::vector<
   return Camera(CameraModel::kFullOpenCv, 640, 480, params);
 }
 
-// The folder that says which of the authors' cameras it was; none where it does not.
+// Returns the camera by the folder's name, which says which of the authors' it was; a Kinect's,
+// with a warning, where it does not.
 Camera CameraOfFolder(const std::string& name, std::vector<std::string>& warnings) {
   if (name.find("freiburg1") != std::string::npos) {
     return MakeCamera(517.306408, 516.469215, 318.643040, 255.313989,

@@ -10,7 +10,7 @@
 namespace raylift {
 namespace {
 
-// What a JPEG holds before its pixels; empty where there is none.
+// The segments of a JPEG before its pixels; empty where there are none.
 struct Segments {
   bool is_jpeg = false;
   std::string exif, xmp;
@@ -38,7 +38,8 @@ Segments ReadSegments(std::istream& file) {
   return segments;
 }
 
-// A TIFF file: a byte order, and directories of entries. What lies outside of it reads as nothing.
+// Reads a TIFF file: a byte order, and directories of entries. What lies outside of it reads as
+// nothing.
 class Tiff {
  public:
   explicit Tiff(std::string_view bytes) : bytes_(bytes), is_big_endian_(bytes.starts_with("MM")) {}
@@ -109,14 +110,14 @@ class Tiff {
   bool is_big_endian_;
 };
 
-// Units of resolutions, as EXIF and some cameras have them.
+// Returns the millimeters of a unit of resolutions, as EXIF and some cameras have them.
 double MmOfUnit(double unit) {
   if (unit == 3) return 10;
   if (unit == 4) return 1;
   return unit == 5 ? 1e-3 : 25.4;
 }
 
-// The position's degrees, minutes and seconds with the letter of its side.
+// Returns the degrees of a position's degrees, minutes and seconds with the letter of its side.
 std::optional<double> Degrees(const Tiff& tiff, size_t directory, uint32_t tag, char negative) {
   const auto parts = tiff.Values<3>(directory, tag);
   if (!parts) return std::nullopt;
@@ -131,7 +132,7 @@ std::optional<GpsTags> ReadGps(const Tiff& tiff, size_t directory) {
   const auto longitude = Degrees(tiff, directory, kLongitude, 'W');
   if (!latitude || !longitude) return std::nullopt;
   GpsTags gps{.latitude_deg = *latitude, .longitude_deg = *longitude};
-  // 1 and, since EXIF 3, 3: below. Above what, devices do not say reliably.
+  // 1 and, since EXIF 3, 3 mean below. Devices do not say reliably what altitudes are above.
   const double altitude_is = tiff.Value(directory, kAltitudeIs).value_or(0);
   if (const auto altitude = tiff.Values<1>(directory, kAltitude)) {
     gps.altitude_m = altitude_is == 1 || altitude_is == 3 ? -(*altitude)[0] : (*altitude)[0];

@@ -1,5 +1,5 @@
-// What a camera writes into its photographs beside the pixels: EXIF, a small TIFF file in a JPEG,
-// and what drones add to it as XMP, a small XML file there.
+// Reads the metadata of photographs: EXIF, a small TIFF file in a JPEG, and what drones add to it
+// as XMP, a small XML file there.
 
 #pragma once
 
@@ -14,7 +14,7 @@
 
 namespace raylift {
 
-// The numbers are as the file has them, in range or not.
+// The GPS tags of EXIF. The numbers are as the file has them, in range or not.
 struct GpsTags {
   double latitude_deg = 0;
   double longitude_deg = 0;
@@ -25,15 +25,15 @@ struct GpsTags {
   bool direction_is_magnetic = false;
 };
 
-// What DJI's and Autel's drones say of the camera.
+// The tags in which DJI's and Autel's drones describe the camera.
 struct DroneTags {
-  // Of the gimbal: clockwise from north, above the horizon, clockwise about the axis.
+  // Angles of the gimbal: clockwise from north, above the horizon, clockwise about the axis.
   std::optional<double> yaw_deg, pitch_deg, roll_deg;
   std::optional<double> absolute_altitude_m;  // above the sea's level or the ellipsoid
   std::optional<double> relative_altitude_m;  // above where it took off
-  // Of positions by RTK: along east, north and up.
+  // Standard deviations of positions by RTK, along east, north and up.
   std::optional<Eigen::Vector3d> rtk_sigma_m;
-  // By a laser, to what is in the middle of the picture.
+  // The distance to what is in the middle of the picture, by a laser.
   std::optional<double> range_m;
   std::optional<std::array<double, 9>> calibration;  // see LensTags
 };

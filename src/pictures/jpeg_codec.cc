@@ -1,4 +1,4 @@
-// JPEG by libjpeg, whose errors become exceptions.
+// Decodes and encodes JPEG by libjpeg, whose errors become exceptions.
 
 #include <array>
 #include <cstddef>
@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "pictures/codecs.h"
-// It needs <cstdio> before it.
+// jpeglib.h needs <cstdio> before it.
 #include <jpeglib.h>
 
 #include "raylift/base/error.h"
@@ -25,7 +25,7 @@ namespace {
 
 void Ignore(j_common_ptr, int) {}
 
-// Scans of a few bytes each take as long as those of a whole picture.
+// Refuses many scans: one of a few bytes takes as long as one of a whole picture.
 void RefuseManyScans(j_common_ptr jpeg) {
   constexpr int kMaxScans = 100;
   if (reinterpret_cast<j_decompress_ptr>(jpeg)->input_scan_number <= kMaxScans) return;
@@ -39,7 +39,7 @@ jpeg_error_mgr* SetUp(jpeg_error_mgr& errors) {
   return &errors;
 }
 
-// Print shops' pictures are stored inverted: 255 is no ink.
+// Converts CMYK as print shops store it, inverted: 255 is no ink.
 void RgbFromCmyk(const uint8_t* cmyk, uint8_t* rgb, size_t num_pixels) {
   for (size_t i = 0; i < num_pixels; ++i, cmyk += 4, rgb += 3) {
     const int black = cmyk[3];
@@ -112,7 +112,7 @@ class Encoder {
     jpeg_set_quality(&jpeg_, quality, TRUE);
     jpeg_start_compress(&jpeg_, TRUE);
     for (int y = 0; y < image.height_px; ++y) {
-      // It does not write there.
+      // libjpeg does not write there.
       JSAMPROW row = const_cast<uint8_t*>(image.Pixel(0, y));
       jpeg_write_scanlines(&jpeg_, &row, 1);
     }

@@ -58,7 +58,7 @@ Image ToRgb(const Image& image) {
   return rgb;
 }
 
-// Gray where the file is.
+// Decodes by the decoder of the format, to gray where that does.
 Image DecodeByFormat(std::string_view bytes) {
   if (bytes.starts_with("\xFF\xD8")) return DecodeJpeg(bytes);
   if (bytes.starts_with("\x89PNG")) return DecodePng(bytes);
@@ -74,7 +74,8 @@ Image DecodePicture(std::string_view bytes, ImageChannels channels) {
   if (const auto why = WhyNoPicture(bytes)) throw InputError(*why);
   try {
     const Image image = DecodeByFormat(bytes);
-    // Not by the libraries: of a file, gray is what it is of its colors in memory.
+    // The libraries do not convert to gray: that of a file is the same as that of its colors in
+    // memory.
     return channels == ImageChannels::kGray ? ToGray(image) : ToRgb(image);
   } catch (const std::runtime_error& error) {
     throw InputError(fmt::format("the image cannot be decoded: {}", error.what()));
@@ -83,8 +84,7 @@ Image DecodePicture(std::string_view bytes, ImageChannels channels) {
 
 namespace {
 
-// After Deflate a byte of a PNG holds up to 8 pixels. Of a JPEG, 64
-// pixels take a bit at least.
+// A byte of a PNG holds up to 8 pixels after Deflate; 64 pixels of a JPEG take a bit at least.
 constexpr uint64_t kMaxPixelsPerByte = 8 * kMaxDeflateRatio;
 
 uint32_t BigEndian(std::span<const uint8_t> bytes) {
@@ -114,7 +114,7 @@ std::optional<PlaneSize> Checked(uint32_t width, uint32_t height) {
   return PlaneSize{static_cast<int>(width), static_cast<int>(height)};
 }
 
-// After the signature: the length and name of the header chunk, then width and height.
+// Reads what follows the signature: the length and name of the header chunk, then width and height.
 std::optional<PlaneSize> PngSize(std::istream& file) {
   const auto header = Take<16>(file);
   if (!header || BigEndian(std::span(*header).subspan(4, 4)) != 0x49484452) return std::nullopt;
@@ -122,12 +122,12 @@ std::optional<PlaneSize> PngSize(std::istream& file) {
                  BigEndian(std::span(*header).subspan(12, 4)));
 }
 
-// Start of frame: the markers C0 to CF but for DHT, JPG and DAC.
+// Returns whether a marker starts a frame: the markers C0 to CF but for DHT, JPG and DAC.
 bool IsStartOfFrame(uint8_t marker) {
   return marker >= 0xC0 && marker <= 0xCF && marker != 0xC4 && marker != 0xC8 && marker != 0xCC;
 }
 
-// After the first marker: segments of a marker and a length each.
+// Reads what follows the first marker: segments of a marker and a length each.
 std::optional<PlaneSize> JpegSize(std::istream& file) {
   while (const auto start = Take<4>(file)) {
     const uint8_t marker = (*start)[1];
@@ -148,8 +148,8 @@ std::optional<PlaneSize> JpegSize(std::istream& file) {
   return std::nullopt;
 }
 
-// After the two letters: the file's header, then that of the picture, which begins with its length.
-// The height of a picture from top to bottom is negative.
+// Reads what follows the two letters: the file's header, then that of the picture, which begins
+// with its length. The height of a picture from top to bottom is negative.
 std::optional<PlaneSize> BmpSize(std::istream& file) {
   constexpr size_t kLengthAt = 12, kWidthAt = 16;
   constexpr uint32_t kShort = 12;  // of OS/2
@@ -164,7 +164,7 @@ std::optional<PlaneSize> BmpSize(std::istream& file) {
   return Checked(LittleEndian(bytes.subspan(kWidthAt, 4)), static_cast<uint32_t>(std::abs(height)));
 }
 
-// After the two letters: width and height in digits, with comments between.
+// Reads what follows the two letters: width and height in digits, with comments between.
 std::optional<PlaneSize> PnmSize(std::istream& file) {
   std::array<uint32_t, 2> sides{};
   for (uint32_t& side : sides) {
@@ -191,8 +191,8 @@ constexpr std::array<TiffInteger, 8> kTiffIntegers{{{1, 1, false},
                                                     {16, 8, false},
                                                     {17, 8, true}}};
 
-// After the byte order: the version, the place of the directory, and its entries. As libtiff does:
-// of several entries of one tag the first counts, and of several values none.
+// Reads what follows the byte order: the version, the place of the directory, and its entries. As
+// in libtiff, of several entries of one tag the first counts, and of several values none.
 std::optional<PlaneSize> TiffSize(std::istream& file, bool is_big_endian) {
   const auto number = [&](size_t num_bytes) {
     uint64_t value = 0;
@@ -232,7 +232,7 @@ std::optional<PlaneSize> TiffSize(std::istream& file, bool is_big_endian) {
   return Checked(static_cast<uint32_t>(*width), static_cast<uint32_t>(*height));
 }
 
-// After "RI": the rest of the container's header, then a chunk's name and length.
+// Reads what follows "RI": the rest of the container's header, then a chunk's name and length.
 std::optional<PlaneSize> WebpSize(std::istream& file) {
   const auto header = Take<28>(file);
   if (!header) return std::nullopt;
@@ -261,7 +261,7 @@ bool HasPictureSignature(std::string_view bytes) {
   return is_webp || is_pnm;
 }
 
-// What photographs are sent as that are none of ours.
+// Returns the name of a format that photographs are sent in and that is none of ours.
 std::string_view OtherFormat(std::string_view bytes) {
   if (bytes.empty()) return "no bytes";
   if (bytes.starts_with("GIF8")) return "GIF";

@@ -1,5 +1,6 @@
-// Photographs and textures from the bytes of their files, and back, by the libraries of the
-// formats: libjpeg, libpng, libtiff and libwebp; BMP and PNM are simple enough without one.
+// Decodes photographs and textures from the bytes of their files, and encodes them, by the
+// libraries of the formats: libjpeg, libpng, libtiff and libwebp; BMP and PNM are simple enough
+// without one.
 
 #pragma once
 
@@ -12,9 +13,10 @@
 
 namespace raylift {
 
-// PNG, JPEG, TIFF, BMP, WebP or PNM. Pixels stay where they are stored, as the camera's intrinsics
-// mean them: orientation tags are ignored. Transparency is left out, 16-bit samples keep their
-// upper half. InputError, which names no file, where the bytes are none of these or damaged.
+// Decodes PNG, JPEG, TIFF, BMP, WebP or PNM. Pixels stay where they are stored, as the camera's
+// intrinsics mean them: orientation tags are ignored. Transparency is left out, 16-bit samples keep
+// their upper half. Throws InputError, which names no file, where the bytes are none of these or
+// damaged.
 Image DecodePicture(std::string_view bytes, ImageChannels channels);
 
 // Encode gray and RGB pictures; PNG takes four channels, too: RGB and opacity. quality: 0 to 100.

@@ -17,7 +17,7 @@ namespace {
 
 void Ignore(png_structp, png_const_charp) {}
 
-// The bytes that are left to read.
+// Gives libpng bytes that are left to read.
 void Take(png_structp png, png_bytep data, size_t size) {
   auto& rest = *static_cast<std::string_view*>(png_get_io_ptr(png));
   if (size > rest.size()) throw std::runtime_error("it is truncated");
@@ -29,7 +29,7 @@ void Append(png_structp png, png_bytep data, size_t size) {
   static_cast<std::string*>(png_get_io_ptr(png))->append(reinterpret_cast<char*>(data), size);
 }
 
-// libpng's state; its errors are exceptions.
+// libpng's state for writing; its errors are exceptions.
 class Writer {
  public:
   explicit Writer(std::string* bytes)
@@ -41,7 +41,7 @@ class Writer {
   Writer(const Writer&) = delete;
   Writer& operator=(const Writer&) = delete;
 
-  // Rows of such samples in their native byte order.
+  // Writes rows of such samples, which are in their native byte order.
   void Write(PlaneSize size, int bits, int color_type, const void* rows) {
     info_ = png_create_info_struct(png_);
     if (info_ == nullptr) throw std::runtime_error("libpng cannot start");
@@ -63,7 +63,7 @@ class Writer {
   png_infop info_ = nullptr;
 };
 
-// The same for reading.
+// libpng's state for reading; its errors are exceptions.
 class Reader {
  public:
   explicit Reader(std::string_view bytes)
@@ -76,7 +76,7 @@ class Reader {
   Reader(const Reader&) = delete;
   Reader& operator=(const Reader&) = delete;
 
-  // A damage that libpng only warns of (of a comment) is an error, too.
+  // Reads the samples. Damage that libpng only warns of (of a comment) is an error, too.
   std::vector<float> ReadPlane(const PngHeader& header) {
     png_set_crc_action(png_, PNG_CRC_ERROR_QUIT, PNG_CRC_ERROR_QUIT);
     ReadInfo();
@@ -189,7 +189,7 @@ std::vector<float> DecodeGrayPng(const std::filesystem::path& file, const PngHea
 
 Image DecodePng(std::string_view bytes) { return Reader(bytes).ReadPicture(); }
 
-// Fast rather than small.
+// Compresses fast rather than small.
 std::string EncodePng(const Image& image) {
   try {
     std::string bytes;

@@ -1,5 +1,5 @@
-// BMP without compression (samples of a palette, or blue, green and red), and PBM, PGM and PPM, as
-// text (P1 to P3) and binary (P4 to P6).
+// Decodes BMP without compression (samples of a palette, or blue, green and red), and PBM, PGM and
+// PPM, as text (P1 to P3) and binary (P4 to P6).
 
 #include <algorithm>
 #include <array>
@@ -16,7 +16,7 @@ namespace raylift {
 namespace {
 
 constexpr size_t kHeaderAt = 14;       // after that of the file
-constexpr uint32_t kShortHeader = 12;  // of OS/2, with 16-bit sides and colors of 3 bytes
+constexpr uint32_t kShortHeader = 12;  // OS/2's, with 16-bit sides and colors of 3 bytes
 constexpr uint32_t kLeastHeader = 40;
 
 class BmpReader {
@@ -66,14 +66,15 @@ class BmpReader {
 
   bool HasPalette() const { return bits_ == 1 || bits_ == 4 || bits_ == 8; }
 
-  // 32 bits that say where their colors are, which is where they are without saying so.
+  // Returns whether pixels of 32 bits have masks that say where their colors are, and these are the
+  // usual ones.
   bool HasUsualMasks(uint32_t compression) const {
     constexpr uint32_t kMasks = 3, kMasksAt = 54;
     return compression == kMasks && bits_ == 32 && Number(kMasksAt, 4) == 0xFF0000 &&
            Number(kMasksAt + 4, 4) == 0xFF00 && Number(kMasksAt + 8, 4) == 0xFF;
   }
 
-  // Colors that the file does not give are black.
+  // Returns the palette; colors that the file does not give are black.
   std::vector<Bgr> Palette() const {
     if (!HasPalette()) return {};
     std::vector<Bgr> palette(size_t{1} << bits_);
@@ -88,7 +89,7 @@ class BmpReader {
     return palette;
   }
 
-  // The leftmost pixel is in a byte's highest bits.
+  // Returns a pixel's index in the palette. The leftmost pixel is in a byte's highest bits.
   size_t Index(const uint8_t* row, size_t x) const {
     const size_t bit = x * bits_;
     return row[bit / 8] >> (8 - bits_ - bit % 8) & ((1U << bits_) - 1);
@@ -148,7 +149,7 @@ class PnmReader {
     return width * height * channels * (!IsText() && max_value_ > 255 ? 2 : 1);
   }
 
-  // In digits, after white space and comments.
+  // Reads a number in digits, after white space and comments.
   uint32_t Number() {
     while (!rest_.empty() && (IsSpace(rest_[0]) || rest_[0] == '#')) {
       const size_t end = rest_[0] == '#' ? rest_.find('\n') : 0;
@@ -170,7 +171,7 @@ class PnmReader {
     return byte;
   }
 
-  // A bit as text is one digit, with or without space after it.
+  // Reads a sample as text. A bit is one digit, with or without space after it.
   uint32_t Sample() {
     if (kind_ == 1) {
       while (!rest_.empty() && IsSpace(rest_[0])) rest_.remove_prefix(1);

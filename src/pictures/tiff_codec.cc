@@ -15,7 +15,7 @@ namespace {
 
 [[noreturn]] void Fail() { throw std::runtime_error("the TIFF file is damaged or truncated"); }
 
-// The bytes that libtiff takes for a file.
+// The memory that libtiff takes for a file.
 struct Memory {
   std::string_view given = {};  // to be read
   std::string written = {};
@@ -61,9 +61,9 @@ struct Closer {
 };
 using TiffPointer = std::unique_ptr<TIFF, Closer>;
 
-// "m": what is read is copied into buffers of the decoder's.
+// Opens the memory; mode "m" copies what is read into buffers of the decoder's.
 TiffPointer Open(Memory& memory, const char* mode) {
-  // It would print.
+  // libtiff would print its errors.
   TIFFSetErrorHandler(nullptr);
   TIFFSetWarningHandler(nullptr);
   TiffPointer tiff(TIFFClientOpen("memory", mode, &memory, &Read, &Write, &Seek, &Close, &Size,
@@ -79,7 +79,7 @@ T Field(TIFF* tiff, uint32_t tag) {
   return value;
 }
 
-// A tile may be larger than its picture, but not by far.
+// Refuses blocks that are too large: a tile may be larger than its picture, but not by far.
 void RefuseLargeBlocks(TIFF* tiff) {
   constexpr uint64_t kUsualBytes = uint64_t{1} << 26;
   constexpr uint64_t kMaxPixelBytes = 32;  // four numbers in double precision
@@ -90,7 +90,7 @@ void RefuseLargeBlocks(TIFF* tiff) {
   if (static_cast<uint64_t>(bytes) > std::max(kUsualBytes, kMaxPixelBytes * pixels)) Fail();
 }
 
-// The pixels of one strip or tile, as far as they are in the picture.
+// Copies the pixels of one strip or tile, as far as they are in the picture.
 template <typename Sample>
 void Put(const std::vector<Sample>& block, size_t block_width, size_t left, size_t top,
          PlaneSize size, std::vector<float>& values) {
@@ -159,7 +159,7 @@ TiffForm FormOf(TIFF* tiff) {
 }
 
 // Returns the values of a tag that libtiff does not know, or that another library has told it of;
-// none where there is none of this type.
+// empty where there is none of this type.
 template <typename T>
 std::vector<T> ValuesOf(TIFF* tiff, uint32_t tag, TIFFDataType type) {
   const TIFFField* const field = TIFFFindField(tiff, tag, TIFF_ANY);
@@ -181,7 +181,7 @@ std::vector<T> ValuesOf(TIFF* tiff, uint32_t tag, TIFFDataType type) {
 }  // namespace
 
 std::optional<TiffSample> TiffForm::Sample() const {
-  // In the order of the enum.
+  // These are in the order of the enum.
   constexpr std::array<std::pair<uint16_t, uint16_t>, 6> kForms = {{{8, SAMPLEFORMAT_UINT},
                                                                     {16, SAMPLEFORMAT_UINT},
                                                                     {16, SAMPLEFORMAT_INT},
@@ -218,7 +218,7 @@ TiffHeader ReadTiffHeader(std::string_view bytes) {
   constexpr uint32_t kNoData = 42113;
   const TIFFField* const field = TIFFFindField(tiff.get(), kNoData, TIFF_ANY);
   if (const char* text = nullptr; field != nullptr && TIFFFieldPassCount(field) == 0) {
-    // As GDAL has told libtiff of it, where both are in one process.
+    // The tag is a text where GDAL has told libtiff of it, as both are in one process.
     if (TIFFGetField(tiff.get(), kNoData, &text) != 0 && text != nullptr) {
       header.place.no_data = text;
     }
@@ -240,7 +240,7 @@ Image DecodeTiff(std::string_view bytes) {
     throw std::runtime_error(why.data());
   }
   const std::unique_ptr<TIFFRGBAImage, void (*)(TIFFRGBAImage*)> end(&picture, &TIFFRGBAImageEnd);
-  // As if the first row stored were the top one: tags do not turn pictures.
+  // Pictures are read as if the first row stored were the top one: tags do not turn them.
   picture.orientation = ORIENTATION_TOPLEFT;
   picture.req_orientation = ORIENTATION_TOPLEFT;
   Image image = BlankImage(static_cast<int>(picture.width), static_cast<int>(picture.height), 3);

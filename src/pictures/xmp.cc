@@ -45,7 +45,8 @@ std::optional<std::array<double, 9>> Calibration(std::string_view text) {
   return numbers[0] > 0 && numbers[1] > 0 ? std::optional(numbers) : std::nullopt;
 }
 
-// "drone-dji:GimbalYawDegree" is one of DJI's names, "+46.00" a number.
+// Takes a property that is a number: "drone-dji:GimbalYawDegree" is one of DJI's names, "+46.00" a
+// number.
 void Take(std::string_view name, std::string_view text, Values& values) {
   const size_t colon = name.find(':');
   if (colon == std::string_view::npos) return;
@@ -86,12 +87,13 @@ std::optional<DroneTags> ParseDroneTags(std::string_view xmp) {
                  .range_m = std::nullopt,
                  .calibration = values.calibration};
   const auto east = value("RtkStdLon"), north = value("RtkStdLat"), up = value("RtkStdHgt");
-  // 0: no fix; 16: a single point; 34: a float solution; 50: a fixed one.
+  // The flag is 0 without a fix, 16 for a single point, 34 for a float solution, 50 for a fixed
+  // one.
   const bool is_rtk = value("RtkFlag").value_or(0) >= 34;
   if (is_rtk && east && north && up && *east > 0 && *north > 0 && *up > 0) {
     tags.rtk_sigma_m = Eigen::Vector3d(*east, *north, *up);
   }
-  // 0 where the laser met nothing.
+  // The distance is 0 where the laser met nothing.
   if (const auto range = value("LRFTargetDistance"); range && *range > 0) tags.range_m = range;
   const bool is_undistorted = value("DewarpFlag").value_or(0) == 1;
   if (tags.calibration && is_undistorted) std::fill_n(tags.calibration->begin() + 4, 5, 0);

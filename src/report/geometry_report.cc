@@ -22,7 +22,7 @@ using Json = nlohmann::ordered_json;
 constexpr size_t kMaxPictured = 24;  // images, evenly spread
 constexpr int kTileSidePx = 240;     // the longer side
 
-// The 2nd and the 98th percentile of all depths: what the colors are spread over.
+// Returns the 2nd and the 98th percentile of all depths, between which the colors are spread.
 std::pair<double, double> DepthColorRange(std::span<const DepthMap> maps) {
   std::vector<float> depths;
   for (const DepthMap& map : maps) {

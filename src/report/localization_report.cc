@@ -47,7 +47,8 @@ Json Mark(const Vector2d& pixel, bool is_inlier, const std::optional<Vector2d>& 
   return mark;
 }
 
-// The nearest of where a reference's keypoint may be seen, by its distance.
+// Returns the point of the epipolar line, the projections of the reference's keypoint at 0.1 to
+// 10^4 baselines, that is nearest to the matched pixel; nullopt where none can be projected.
 std::optional<Vector2d> NearestOnEpipolarLine(const PoseProblem& problem, const Match2D2D& match,
                                               const Rigid3& cam_from_world) {
   const PosedImage& reference = problem.references[static_cast<size_t>(match.reference)];
@@ -62,7 +63,7 @@ std::optional<Vector2d> NearestOnEpipolarLine(const PoseProblem& problem, const 
   for (double distance = 0.1 * baseline; distance < 1e4 * baseline; distance *= 1.1) {
     const auto pixel = problem.query_camera.ImgFromCam(query_from_reference * (distance * *ray));
     if (pixel && has_before) {
-      // On the chord between this point of the line and the one before.
+      // This point is on the chord between this point of the line and the one before.
       const Vector2d along = *pixel - before;
       const double share = std::clamp(
           (match.query_px - before).dot(along) / std::max(along.squaredNorm(), 1e-12), 0.0, 1.0);
@@ -114,7 +115,7 @@ Json PairMarks(const QueryResult& result) {
 // among the problem's references.
 std::optional<size_t> BestReference(const QueryResult& result) {
   const PoseProblem& problem = result.problem;
-  // Inliers, and then matches.
+  // Each pair counts inliers, and then matches.
   std::vector<std::pair<int, int>> counts(problem.references.size());
   for (size_t i = 0; i < problem.matches_2d2d.size(); ++i) {
     auto& [inliers, matches] = counts[static_cast<size_t>(problem.matches_2d2d[i].reference)];
@@ -126,7 +127,7 @@ std::optional<size_t> BestReference(const QueryResult& result) {
   return static_cast<size_t>(best - counts.begin());
 }
 
-// [x, y, x in the reference, y, inlier].
+// Returns lines of matches: [x, y, x in the reference, y, inlier].
 Json MatchLines(const QueryResult& result, size_t reference) {
   const PoseProblem& problem = result.problem;
   std::vector<size_t> own;
@@ -143,7 +144,7 @@ Json MatchLines(const QueryResult& result, size_t reference) {
   return lines;
 }
 
-// The points of each query in the view in 3D.
+// The number of points of each query in the view in 3D.
 constexpr size_t kScenePoints = 200;
 
 Json PhotoJson(const Image& photo) {
@@ -152,7 +153,7 @@ Json PhotoJson(const Image& photo) {
           {"height", photo.height_px}};
 }
 
-// Returns gray where there is no photograph.
+// Returns the photograph's color at a pixel; gray where there is no photograph.
 std::array<uint8_t, 3> ColorAt(const std::optional<Image>& photo, const Eigen::Vector2d& pixel) {
   constexpr std::array<uint8_t, 3> kGray = {190, 190, 190};
   if (!photo) return kGray;
@@ -176,7 +177,7 @@ Json ScenePointsOf(const QueryResult& result, const std::optional<Image>& photo)
   return points;
 }
 
-// What a query gives to the view in 3D.
+// Returns what a query adds to the view in 3D.
 Json InScene(const QueryResult& result, const std::optional<Image>& photo) {
   Json json = {{"points", ScenePointsOf(result, photo)},
                {"camera", result.problem.query_camera.ToString()}};
@@ -186,8 +187,8 @@ Json InScene(const QueryResult& result, const std::optional<Image>& photo) {
   return json;
 }
 
-// Adds the true pose to the scene, and to `query` how far its pose is from it. `in_scene`: as
-// InScene() gives it. Adds to `errors` where there is a pose.
+// Adds the true pose to the scene, and to `query` how far its pose is from it; adds to `errors`
+// where there is a pose. `in_scene` is as InScene() gives it.
 void TakeTruth(const Rigid3& truth, const Json& in_scene, Json& query, SceneJson& scene,
                std::vector<QueryError>& errors) {
   const auto name = query.at("query").get<std::string>();
@@ -199,7 +200,7 @@ void TakeTruth(const Rigid3& truth, const Json& in_scene, Json& query, SceneJson
   errors.push_back({name, error});
 }
 
-// One clause; empty where nothing is compared.
+// Returns a clause of the median errors; empty where nothing is compared.
 std::string MedianErrors(std::vector<QueryError> errors) {
   if (errors.empty()) return "";
   const size_t count = errors.size();
@@ -228,7 +229,7 @@ Json ReferencesOf(const QueryResult& result) {
   return references;
 }
 
-// `json`: as InScene() gives it.
+// Adds a query to the scene; `json` is as InScene() gives it.
 void AddToScene(const Json& json, const std::string& name, const std::string& verdict,
                 SceneJson& scene) {
   std::vector<ScenePoint> points;
@@ -256,13 +257,13 @@ struct LocalizationReport::Impl {
 
   bool IsPaged() const { return options.num_queries > options.max_in_page; }
 
-  // Null where there is none.
+  // Returns a reference's photograph; null where there is none.
   Json ReferencePhoto(const std::string& name) const {
     const auto photo = ReadPhoto(options.reference_images, name);
     return photo ? PhotoJson(*photo) : Json();
   }
 
-  // All that is looked at of one query at a time.
+  // Returns all that is shown of one query at a time.
   Json Pictures(const QueryResult& result, const std::optional<Image>& photo) const {
     Json json = {{"points", PointMarks(result)}, {"pairs", PairMarks(result)}};
     if (photo) json["photo"] = PhotoJson(*photo);
@@ -274,7 +275,7 @@ struct LocalizationReport::Impl {
       if (!of_reference.is_null()) json["reference"]["photo"] = std::move(of_reference);
     }
     if (!result.localized.localized()) json["references"] = ReferencesOf(result);
-    // Of a query that is not localized: the nearest candidate.
+    // For a query that is not localized, this shows the nearest candidate.
     if (const auto& pose = result.localized.estimate.cam_from_world; pose && options.mesh) {
       json.update(SeenFromPose(result.problem.query_camera, *pose, *options.mesh));
     }

@@ -16,11 +16,11 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-// Inverse depth of a plane is linear in the image: what its second difference is against its value
-// tells an edge or a crease from a slanted surface.
+// The least ratio of the second difference of inverse depth to its value at an edge or a crease:
+// inverse depth of a plane, also of a slanted one, is linear in the image.
 constexpr double kLeastCrease = 0.01;
 
-// Transparent but for edges and creases.
+// Returns a picture that is transparent but for edges and creases.
 Image EdgesOf(const DepthMap& map) {
   Image edges{map.width_px, map.height_px, 4, {}};
   edges.data.resize(static_cast<size_t>(4) * map.width_px * map.height_px);
@@ -91,8 +91,8 @@ Json SeenFromPose(const Camera& camera, const Rigid3& cam_from_world, const RayC
 
 namespace {
 
-// Inliers and residuals of another pose would lead astray: marks keep their places, [x, y, 0], and
-// lines their ends, [x, y, x in the reference, y, 0].
+// Removes inliers and residuals of another pose, which would lead astray: marks keep their places,
+// [x, y, 0], and lines their ends, [x, y, x in the reference, y, 0].
 void ForgetInliers(Json& query) {
   for (const char* kind : {"points", "pairs"}) {
     if (!query.contains(kind)) continue;

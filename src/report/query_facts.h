@@ -1,5 +1,5 @@
-// What the page of `raylift localize` says and shows of a query, whichever pose it has, and what a
-// walk adds to it.
+// Facts and pictures of a query for the page of `raylift localize`, whichever pose it has, and what
+// a walk adds to them.
 
 #pragma once
 
@@ -26,19 +26,19 @@ nlohmann::ordered_json QueryFacts(const LocalizedQuery& query);
 nlohmann::ordered_json SeenFromPose(const Camera& camera, const Rigid3& cam_from_world,
                                     const RayCaster& mesh);
 
-// Gives a query's part of the page, {"query": ..., "scene": ...}, the walk's pose and verdict, and
-// what the walk did with it. A pose that is not near the photograph's own is rendered; null: it is
-// not.
+// Adds to a query's part of the page, {"query": ..., "scene": ...}, the walk's pose and verdict,
+// and what the walk did with it. Renders a pose that is not near the photograph's own, unless
+// `mesh` is null.
 void TakeWalk(const WalkedQuery& walked, const Query& query, const RayCaster* mesh,
               nlohmann::ordered_json& part);
 
 // Adds the pose that the photograph had by itself where the walk has another.
 void AddSinglePose(const WalkedQuery& walked, SceneJson& scene);
 
-// The frames with a pose, walk by walk in the order of their times, and what each walk's odometry
-// was: {"frames": [{"query", "walk", "time_s", "role", "lost_before"}], "odometry": [{"folder",
-// "scale", "step_sigma", "step_rotation_sigma_deg"}]}; the last three where the walk told
-// something.
+// Returns the frames with a pose, walk by walk in the order of their times, and what each walk's
+// odometry was: {"frames": [{"query", "walk", "time_s", "role", "lost_before"}], "odometry":
+// [{"folder", "scale", "step_sigma", "step_rotation_sigma_deg"}]}; the last three only where the
+// walk told something.
 nlohmann::ordered_json WalkJson(const WalkedQueries& walked);
 
 }  // namespace raylift

@@ -20,7 +20,7 @@ using Json = nlohmann::ordered_json;
 constexpr size_t kMeshTriangles = 60'000;
 constexpr int kPointsPerImage = 1600;
 
-// Short numbers: five digits are plenty for a drawing.
+// Returns short numbers: five digits are plenty for a drawing.
 Json RoundedJson(const Eigen::Vector3d& v) {
   Json json = Json::array();
   for (const double value : {v.x(), v.y(), v.z()}) {
@@ -73,7 +73,7 @@ void SceneJson::AddCamera(const std::string& kind, const std::string& name,
 
 void SceneJson::AddMesh(const TriangleMesh& mesh) {
   if (mesh.triangles.empty()) return;
-  // Of large triangles with a texture the colors of the corners would say little.
+  // The colors of the corners say little of large triangles with a texture.
   const bool is_coarse = mesh.triangles.size() < kMeshTriangles && !mesh.textures.empty();
   const double edge = std::sqrt(AreaOf(mesh) / kMeshTriangles);
   mesh_ = DecimatedMesh(is_coarse && edge > 0 ? SplitLongEdges(mesh, edge) : mesh, kMeshTriangles);

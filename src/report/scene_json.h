@@ -23,25 +23,26 @@ struct ScenePoint {
   std::array<uint8_t, 3> color_rgb;
 };
 
-// Points of a depth map on a grid over the image, colored by a picture of the same view, of any
-// size.
+// Returns points of a depth map on a grid over the image, colored by a picture of the same view, of
+// any size.
 std::vector<ScenePoint> PointsOf(const PosedImage& view, const DepthMap& depth,
                                  const Image& picture);
 
 class SceneJson {
  public:
   void AddPoints(std::span<const ScenePoint> points);
-  // `kind`: "reference", "true", "estimated", or a verdict. `from`: where a line to the camera
-  // starts.
+  // Adds a camera. `kind`: "reference", "true", "estimated", or a verdict. `from`: the start of a
+  // line to the camera.
   void AddCamera(const std::string& kind, const PosedImage& image,
                  const std::optional<Eigen::Vector3d>& from = std::nullopt);
   // Adds a coarse copy of the mesh, of the colors of its vertices or gray.
   void AddMesh(const TriangleMesh& mesh);
-  // Serves poses without intrinsics.
+  // Adds a camera without intrinsics.
   void AddCamera(const std::string& kind, const std::string& name, const Rigid3& cam_from_world,
                  const std::optional<Eigen::Vector3d>& from = std::nullopt);
 
-  // Coordinates are relative to the first camera, so that float is enough for any world.
+  // Returns the JSON. Coordinates are relative to the first camera, so that float is enough for any
+  // world.
   nlohmann::ordered_json Build() const;
 
  private:

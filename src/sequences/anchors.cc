@@ -17,12 +17,13 @@ namespace raylift {
 namespace {
 
 constexpr double kScaleDrift = 0.02;
-// A step that hardly moves is noisy, too, by this share of the mean one.
+// The least amount of a step: one that hardly moves is noisy, too.
 constexpr double kLeastAmount = 0.05;
 
 double Log2Pi3() { return 3 * std::log(2 * std::numbers::pi); }
 
-// - 2 log N.
+// Returns error' C^-1 error + log det C, which is -2 log of the normal density but for its
+// constant.
 double CostOf(const Vector6d& error, const Matrix6d& covariance) {
   const Eigen::LLT<Matrix6d> factored(covariance);
   if (factored.info() != Eigen::Success) return std::numeric_limits<double>::infinity();
@@ -31,7 +32,7 @@ double CostOf(const Vector6d& error, const Matrix6d& covariance) {
          2 * lower.diagonal().array().log().sum();
 }
 
-// What it costs that the poses of two frames are both right: - 2 log of the density.
+// Costs of both poses of two frames being right: -2 log of the density.
 class TieCosts {
  public:
   TieCosts(std::span<const WalkEvidence> frames, double scale, const StepNoise& noise)
@@ -86,8 +87,9 @@ double VarianceOf(const SinglePose& single) {
   return single.covariance.bottomRightCorner<3, 3>().trace();
 }
 
-// A pose that tells its place much worse than the others, and than odometry over the window, would
-// only let those before and after it forget each other.
+// Returns the largest variance of position of the poses that count. A pose that tells its place
+// much worse than the others, and than odometry over the window, would only let those before and
+// after it forget each other.
 double MostVariance(std::span<const WalkEvidence> frames, const StepNoise& noise) {
   constexpr double kTimesMedian = 10;
   std::vector<double> variances;
@@ -106,7 +108,8 @@ class AnchorSearch {
     for (size_t k = 0; k < candidates_.size(); ++k) AddContradictions(k);
   }
 
-  // The states are the last anchor so far; frames between two anchors are wrong.
+  // Runs the dynamic program. Its state is the last anchor so far; frames between two anchors are
+  // wrong.
   std::vector<Anchor> Run() const {
     struct State {
       double cost;  // of all frames up to this one
@@ -150,8 +153,9 @@ class AnchorSearch {
   }
 
  private:
-  // Odometry that is lost and later tells again what it told before was not lost: a repeated
-  // structure shows the place elsewhere in between, or before and after. The fewer are wrong.
+  // Joins runs of anchors that odometry ties together again: odometry that tells later what it told
+  // before was not lost, but repeated structure shows the place elsewhere in between, or before and
+  // after. The fewer anchors are wrong, and dropped.
   std::vector<Anchor> WithoutReturns(const std::vector<Anchor>& anchors) const {
     std::vector<std::vector<Anchor>> runs;
     for (const Anchor& anchor : anchors) {
@@ -178,7 +182,7 @@ class AnchorSearch {
     return Joined(runs);
   }
 
-  // The anchors of all runs, with whether the odometry is lost before each.
+  // Returns the anchors of all runs, with whether the odometry is lost before each.
   std::vector<Anchor> Joined(const std::vector<std::vector<Anchor>>& runs) const {
     std::vector<Anchor> anchors;
     for (const std::vector<Anchor>& run : runs) {
@@ -190,16 +194,18 @@ class AnchorSearch {
     return anchors;
   }
 
-  // A pose of a frame's own.
+  // One of a frame's own poses.
   struct Candidate {
     Anchor anchor;
     size_t place;  // of the frame among those with a pose
     size_t first;  // candidate that it may be tied to
-    // TieCosts::Tied() to that one and those after it of frames before.
+    // TieCosts::Tied() to the candidate `first` and to each after it, up to those of the frame
+    // before.
     std::vector<double> tied = {};
     double wrong = 0;  // CostOfWrongPose()
     double right = 0;  // the cost of its being right, but for that of where it is if wrong
-    // What it costs more that so many frames before or after it are wrong, as they agree with it.
+    // The additional cost of so many frames before or after it being wrong although they agree with
+    // it.
     std::vector<double> before = {0}, after = {0};
 
     double Before(size_t places) const { return before[std::min(places, before.size() - 1)]; }
@@ -231,10 +237,11 @@ class AnchorSearch {
     all_wrong_.push_back(all_wrong_.back() - 2 * std::log(wrong));
   }
 
-  // The cost of where a pose is if it is wrong: of the larger of two densities, that of anywhere and
-  // that of being wrong in the same way as one of a frame before, as what repeats in the scene
-  // deceives many frames. The latter has half of the weight of being wrong or of being right, of
-  // which the odds are given, whichever is less: poses that agree are rather right.
+  // Returns the cost of a pose's place if it is wrong: -2 log of the larger of two densities, that
+  // of anywhere, and that of being wrong in the same way as a pose of a frame before, as what
+  // repeats in the scene deceives many frames. The latter has half of the weight of being wrong or,
+  // if that is less, of being right; `log_odds` are those of wrong to right: poses that agree are
+  // rather right.
   double CostOfWrongPose(const Candidate& pose, double log_odds) const {
     double least = std::numeric_limits<double>::infinity();
     for (const double tied : pose.tied) least = std::min(least, tied);
@@ -242,8 +249,8 @@ class AnchorSearch {
                     least + 2 * (std::log(2) + std::max(log_odds, 0.0)));
   }
 
-  // A pose that agrees with a right one is not wrong in the same way as others: it would be there by
-  // chance.
+  // Adds the costs of poses that agree with a right one, but are wrong: they are not wrong in the
+  // same way as others, but by chance.
   void AddContradictions(size_t k) {
     Candidate& later = candidates_[k];
     std::vector<double> of_places(later.place - candidates_[later.first].place, 0);
@@ -261,9 +268,10 @@ class AnchorSearch {
 
   std::span<const WalkEvidence> frames_;
   TieCosts costs_;
-  double most_variance_;  // of the position of a pose that tells it
+  double most_variance_;  // of position, of poses that count
   std::vector<Candidate> candidates_;
-  // The cost of so many first frames with a pose being wrong, but for where their poses are.
+  // The cost of the first n frames with a pose all being wrong, without that of where their poses
+  // are.
   std::vector<double> all_wrong_ = {0};
 };
 

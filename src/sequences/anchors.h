@@ -1,5 +1,5 @@
-// Which frames of a walk agree with each other by odometry: the likeliest set of frames whose own
-// poses are right, by dynamic programming along the walk.
+// Finds the anchors of a walk, the frames whose own poses agree with each other by odometry: the
+// likeliest set of frames whose poses are right, by dynamic programming along the walk.
 
 #pragma once
 
@@ -20,42 +20,43 @@ struct StepNoise {
   double rotation_variance = 0;  // radians squared
 };
 
-// How many frames with a pose back one may be tied to.
+// The number of frames with a pose, before a frame, that it may be tied to.
 inline constexpr size_t kWindow = 30;
 
 // The probability that the odometry is lost in a step.
 inline constexpr double kLost = 0.01;
 
-// A frame, and which of its own poses is right.
+// A frame whose own pose is right, and which of its own poses that is.
 struct Anchor {
   size_t frame = 0;
   size_t single = 0;
   bool lost_before = false;  // the odometry does not tell how it lies to the anchor before
 };
 
-// How far the camera went and turned from the frame before.
+// Returns how far the camera went and turned from the frame before.
 StepLength LengthOfStep(const WalkEvidence& before, const WalkEvidence& frame);
 
-// The steps before each frame, each over the walk's mean one: half by their length, half by their
-// angle; 0 for the first.
+// Returns the amount of the step before each frame, relative to the walk's mean step: half by its
+// length, half by its angle; 0 for the first frame.
 std::vector<double> StepAmounts(std::span<const WalkEvidence> frames);
 
-// cam_from_cam of the later frame from the earlier one by odometry.
+// Returns later_from_earlier, the camera's motion by odometry: later * earlier^-1, its translation
+// times `scale`.
 Rigid3 OdometryStep(const Rigid3& later, const Rigid3& earlier, double scale);
 
-// The confidences that a frame's own poses count with: neither surely wrong nor together as sure as
-// that the odometry holds. Where the first has alternatives, one more that was not found is as likely
-// as these are on average.
+// Returns the confidences that a frame's own poses count with: neither surely wrong nor together as
+// sure as that the odometry holds. Where the first has alternatives, one more that was not found is
+// as likely as these are on average.
 std::vector<double> UsedConfidences(const WalkEvidence& frame);
 
-// The density of wrong poses, as Mixture has it, where the scene has this size.
+// Returns the logarithm of the density of wrong poses, as Mixture has it, in a scene of this size.
 double LogDensityAnywhere(double extent);
 
-// How far the walk reaches in the scene.
+// Returns how far the walk reaches in the scene, in scene units.
 double ExtentOf(std::span<const WalkEvidence> frames, double scale);
 
-// Scene units per unit of odometry, the one that most pairs of frames with a pose agree on; nullopt
-// where no three frames, which lie apart, do.
+// Returns the scale, scene units per unit of odometry, that most pairs of frames with a pose agree
+// on; nullopt where no two pairs of frames that lie apart agree.
 std::optional<double> ScaleByPairs(std::span<const WalkEvidence> frames);
 
 std::vector<Anchor> FindAnchors(std::span<const WalkEvidence> frames, double scale,

@@ -7,7 +7,7 @@
 namespace raylift {
 namespace {
 
-// H but for the border = L D L', with blocks of 6 x 6; the border is eliminated last.
+// Factors H without the border: L D L', with blocks of 6 x 6; the border is eliminated last.
 class BlockCholesky {
  public:
   static std::optional<BlockCholesky> Of(const ChainEquations& equations, double damping) {
@@ -66,7 +66,7 @@ class BlockCholesky {
   }
 
  private:
-  // The inverse of H without the border times `right`.
+  // Returns the inverse of H without the border, times `right`.
   std::vector<Vector6d> Apply(const std::vector<Vector6d>& right) const {
     std::vector<Vector6d> x = right;
     for (size_t i = 1; i < x.size(); ++i) x[i] -= factors_[i] * x[i - 1];

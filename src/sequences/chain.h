@@ -12,7 +12,7 @@
 
 namespace raylift {
 
-// H x = -g.
+// The equations H x = -g.
 struct ChainEquations {
   explicit ChainEquations(size_t size)
       : diagonal(size, Matrix6d::Zero()),
@@ -42,10 +42,11 @@ struct ChainSolution {
   double number = 0;
 };
 
-// nullopt where H, with its diagonal raised by the share `damping`, is not positive definite.
+// Solves the equations; nullopt where H, with its diagonal raised by the share `damping`, is not
+// positive definite.
 std::optional<ChainSolution> Solve(const ChainEquations& equations, double damping);
 
-// Blocks of the inverse of H.
+// Blocks of the inverse of H, the covariance.
 struct ChainCovariance {
   std::vector<Matrix6d> diagonal;  // of step i
   std::vector<Matrix6d> below;     // of step i with step i-1; nothing at 0

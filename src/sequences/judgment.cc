@@ -18,18 +18,19 @@
 namespace raylift {
 namespace {
 
-// Frames whose own pose is as likely as this to be right agree with the walk.
+// Frames whose own pose is right with more than this probability agree with the walk.
 constexpr double kAgrees = 0.5;
 
-// Whether poses differ by no more than they may err, in 95 % of cases.
+// Returns whether poses differ by no more than they may err in 95 % of cases (chi-square of 6
+// degrees of freedom).
 bool AreOnePlace(const Rigid3& a, const Rigid3& b, const Matrix6d& covariance) {
   constexpr double kWithin = 12.6;
   const Vector6d step = StepBetween(a, b);
   return step.dot(covariance.ldlt().solve(step)) < kWithin;
 }
 
-// What frames that follow each other say of one walk. What makes a pose wrong makes the next ones of
-// the same place wrong, too: they are one witness, as sure as the surest of them.
+// Sums up what frames that follow each other say of one walk. What makes a pose wrong makes the
+// next ones of the same place wrong, too: they are one witness, as sure as the surest of them.
 class Witnesses {
  public:
   // `pose` is where the walk has the frame.
@@ -45,9 +46,10 @@ class Witnesses {
     log_last_wrong_ = log_wrong;
   }
 
-  // The logarithm of the probability that all are wrong.
+  // Returns the logarithm of the probability that all witnesses are wrong.
   double LogAllWrong() const { return log_before_wrong_ + log_last_wrong_; }
-  // That of the surest alone: what repeats along the walk makes all of them wrong, however many.
+  // Returns that of the three surest alone: structure that repeats along the walk makes all
+  // witnesses wrong, however many.
   double LogSurestWrong() const {
     const Surest surest = WithLast();
     return std::accumulate(surest.begin(), surest.end(), 0.0);
@@ -68,9 +70,9 @@ class Witnesses {
   Surest surest_before_ = {};
 };
 
-// The walks that frames would make besides by their other poses, moving as the smoothed walk does:
-// chains of poses, each of which is tied to one of the last frames. Such walks may drift, and a pose
-// of no certain place is of any: rather too many poses are of one.
+// Finds the other walks that frames make by their other poses, moving as the smoothed walk does:
+// chains of poses, each of which is tied to one of the last frames. Such walks may drift, and a
+// pose of no certain place may be of any: rather too many poses count as one walk.
 class OtherWalks {
  public:
   // Takes the other poses of a frame, of which `agreeing` agrees with the walk.
@@ -97,7 +99,7 @@ class OtherWalks {
     if (recent_.size() > kWindow) recent_.pop_back();
   }
 
-  // The sum of log W of each walk, of the surest of its branches.
+  // Returns the sum of log W of each walk, along the surest of its branches.
   const std::vector<double>& LogAllWrong() const { return log_all_wrong_; }
 
  private:
@@ -109,7 +111,8 @@ class OtherWalks {
     Witnesses witnesses = {};  // of the walk up to this frame
   };
 
-  // The last one of the walk that `member` continues; of several, of that which most is said for.
+  // Returns the last pose of the walk that `member` continues; of several walks, of the one that
+  // has most evidence; null where it continues none.
   const Member* Before(const Member& member) const {
     const Member* most = nullptr;
     for (const std::vector<Member>& members : recent_) {
@@ -130,7 +133,7 @@ class OtherWalks {
   std::vector<double> log_all_wrong_;
 };
 
-// The formula of JudgeWalk().
+// Returns the confidence by the formula of JudgeWalk().
 double ProbabilityOfAgreeing(const Witnesses& agreeing, const Witnesses& differing,
                              const OtherWalks& others) {
   const double all_agreeing = agreeing.LogAllWrong();
@@ -144,8 +147,8 @@ double ProbabilityOfAgreeing(const Witnesses& agreeing, const Witnesses& differi
   return some_agreeing / (some_agreeing + against);
 }
 
-// How often the odometry is lost in a step: as in the walk, but where it seldom or never was there,
-// what is thought before counts, too.
+// Returns the share of steps in which the odometry is lost: the walk's or, where it was seldom or
+// never lost in the walk, a mean of this and the prior share.
 double ShareLost(const std::vector<SmoothedFrame>& smoothed) {
   constexpr double kPriorSteps = 30;
   const auto lost = static_cast<double>(
@@ -155,15 +158,15 @@ double ShareLost(const std::vector<SmoothedFrame>& smoothed) {
   return std::max(lost / steps, (lost + kLost * kPriorSteps) / (steps + kPriorSteps));
 }
 
-// The end of the frames from `begin` on between which the odometry was not lost.
+// Returns the end of the frames from `begin` on between which the odometry was not lost.
 size_t EndOfRun(const std::vector<SmoothedFrame>& smoothed, size_t begin) {
   size_t end = begin + 1;
   while (end < smoothed.size() && !smoothed[end].lost_before) ++end;
   return end;
 }
 
-// The poses that a frame says, as the walk takes them: with the confidences that they count with and
-// covariances so much larger.
+// Returns a frame's own poses as the walk takes them: with the confidences that they count with,
+// and standard deviations times `sigma_factor`.
 std::vector<SinglePose> AsUsed(const WalkEvidence& frame, double sigma_factor) {
   const std::vector<double> confidences = UsedConfidences(frame);
   std::vector<SinglePose> singles = frame.singles;

@@ -1,4 +1,5 @@
-// Odometry as programs write it: poses by time, by the names of photographs, or in their order.
+// Reads odometry as programs write it: poses by time, by the names of photographs, or in their
+// order.
 
 #pragma once
 
@@ -33,7 +34,7 @@ Odometry ReadOdometry(const std::filesystem::path& odometry);
 // axes.
 struct OdometryReading {
   Eigen::Matrix3d cam_from_body = Eigen::Matrix3d::Identity();
-  bool inverted = false;  // they lead from the odometry's world to what it moves, or back
+  bool inverted = false;  // the poses are read as their inverses
 };
 
 struct BetterReading {

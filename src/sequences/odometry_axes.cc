@@ -16,15 +16,16 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// Directions that chance lets agree with one of 48 readings: half of ten within 30 degrees in one
-// case of a hundred.
+// The fewest directions that tell, and the largest median angle between those of odometry and of
+// frames: chance lets half of ten agree within 30 degrees with one of 48 readings in one case of a
+// hundred.
 constexpr size_t kLeastDirections = 10;
 constexpr double kMostDeg = 30;
 
 // A step that is this many sigmas long has a direction.
 constexpr double kLeastSigmas = 5;
 
-// Where the camera goes and about what it turns, in the axes of the earlier frame.
+// The camera's translation and rotation vector over a step, in the axes of the earlier frame.
 struct Step {
   Vector3d way;
   Vector3d turn;
@@ -40,7 +41,7 @@ double DegBetween(const Vector3d& a, const Vector3d& b) {
   return std::atan2(a.cross(b).norm(), a.dot(b)) * 180 / std::numbers::pi;
 }
 
-// A direction as the frames' own poses say it, and as odometry does, inverted or not.
+// A direction by the frames' own poses, and by odometry as read and inverted.
 struct Direction {
   Vector3d by_frames;
   std::array<Vector3d, 2> by_odometry;
@@ -105,7 +106,7 @@ std::optional<BetterReading> FindBetterReading(std::span<const WalkEvidence> fra
       }
     }
   }
-  // What is closer to one than to the other by half speaks for it.
+  // A reading counts only where its median angle is at most half of the other's.
   if (least > kMostDeg || least >= 0.5 * as_read) return std::nullopt;
   BetterReading better{std::nullopt, least, as_read};
   if (least <= 0.5 * second) better.reading = best;

@@ -65,7 +65,7 @@ void AddAtTime(double time_s, const Rigid3& cam_from_world, std::vector<TimedPos
   poses.push_back({time_s, cam_from_world});
 }
 
-// time [ns], px, py, pz, qw, qx, qy, qz, ...
+// Reads EuRoC's lines: time [ns], px, py, pz, qw, qx, qy, qz, ...
 Odometry OfEuroc(const path& file) {
   constexpr size_t kFields = 8;
   constexpr double kSecondsPerTick = 1e-9;
@@ -92,7 +92,7 @@ Odometry OfEuroc(const path& file) {
   return odometry;
 }
 
-// Sixteen numbers or four times four.
+// Reads sixteen numbers, or four times four.
 Eigen::Matrix4d ReadNumbers(const JsonPlace& place) {
   Eigen::Matrix4d matrix;
   if (place.ArraySize() == 16) {
@@ -133,7 +133,8 @@ JsonLine ReadJsonLine(const LineReader& lines, std::string_view line) {
   return read;
 }
 
-// Matrices are by rows, or by columns where the last numbers of one of them say so.
+// Reads lines of JSON. Matrices are by rows, or by columns where the last numbers of one of them
+// say so.
 Odometry OfJsonLines(const path& file) {
   std::vector<JsonLine> read;
   LineReader lines(file);

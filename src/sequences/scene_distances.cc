@@ -17,10 +17,11 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr int kColumns = 8, kRows = 6;  // of pixels that are looked through
-constexpr size_t kNearest = 20;         // references
+constexpr int kColumns = 8, kRows = 6;  // grid of pixels per reference
+constexpr size_t kNearest = 20;         // nearest references
 
-// None where its geometry cannot be read: localization tells that where it needs it.
+// Returns the points that the pixels show; empty where the geometry cannot be read: localization
+// reports that where it needs it.
 std::vector<Vector3d> PointsIn(const GeometrySource& source, const PosedImage& reference,
                                std::span<const Vector2d> pixels) {
   std::vector<Vector3d> points;

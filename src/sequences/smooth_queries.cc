@@ -38,13 +38,13 @@ std::vector<WalkEvidence> EvidenceOf(std::span<const LocalizedQuery> queries, co
   return evidence;
 }
 
-// What the walk tells of each of its frames; nullopt where that is nothing.
+// The smoothed frames of a walk; nullopt for a frame that the walk tells nothing of.
 struct ToldFrames {
   SmoothedWalk walk;  // the last one that tells something, with the frames that it tells of
   std::vector<std::optional<SmoothedFrame>> frames = {};
 };
 
-// All frames by all of them, or each by those before it.
+// Smooths each frame by all frames or, online, by those up to it.
 ToldFrames SmoothAll(std::span<const WalkEvidence> frames, const SmoothingOptions& options) {
   if (!options.online) {
     ToldFrames told{SmoothWalk(frames, options.scale)};
@@ -64,7 +64,8 @@ ToldFrames SmoothAll(std::span<const WalkEvidence> frames, const SmoothingOption
   return told;
 }
 
-// The inliers and the camera of a pose that the photograph has no more say nothing of the walk's.
+// Removes the inliers and the camera of a pose that the photograph no longer has: they say nothing
+// of the walk's.
 void ForgetInliers(PoseEstimate& estimate) {
   for (MatchSetScore* score : {&estimate.score_2d3d, &estimate.score_2d2d}) {
     *score = {score->num_matches, 0, static_cast<double>(score->num_matches)};
@@ -75,10 +76,10 @@ void ForgetInliers(PoseEstimate& estimate) {
   estimate.refined_camera.reset();
 }
 
-// Whether the walk agrees with the photograph's own pose, not with an alternative of it.
+// Returns whether the walk agrees with the photograph's own pose, not with an alternative of it.
 bool AgreesWithOwn(const SmoothedFrame& frame) { return Agrees(frame) && frame.single == 0; }
 
-// How sure the walk's pose of a photograph is.
+// Returns the estimate of the walk's pose of a photograph, with how sure it is.
 PoseEstimate EstimateOf(const SmoothedFrame& frame, const Query& photograph,
                         const SceneDistances& distances, const LocalizedQuery& single) {
   PoseEstimate estimate = single.estimate;
@@ -96,7 +97,7 @@ PoseEstimate EstimateOf(const SmoothedFrame& frame, const Query& photograph,
   double of_position =
       std::min(ProbabilityOfPosition(distance > 0 ? estimate.position_sigma : 0, distance),
                ProbabilityOfPosition(turn, 1));
-  // What its own matches tell, the walk does not make less sure.
+  // The walk does not make less sure what the photograph's own matches tell.
   if (AgreesWithOwn(frame)) of_position = std::max(of_position, single.confidence());
   Conclude(frame.confidence, of_position, estimate);
   return estimate;
@@ -120,7 +121,7 @@ std::vector<std::string> WarningsOf(const SmoothedWalk& walk) {
       *walk.contradicting_scale)};
 }
 
-// The camera's direction that an axis of what the odometry moves has.
+// Returns which of the camera's directions an axis of the odometry's body has.
 std::string_view DirectionOf(const Eigen::Vector3d& axis_in_cam) {
   constexpr std::array<std::string_view, 6> kNames = {"left",  "up",   "backward",
                                                       "right", "down", "forward"};
@@ -129,7 +130,7 @@ std::string_view DirectionOf(const Eigen::Vector3d& axis_in_cam) {
   return kNames[static_cast<size_t>(axis + (axis_in_cam[axis] > 0 ? 3 : 0))];
 }
 
-// How the odometry's poses should be read.
+// Says how the odometry's poses should be read.
 std::string TextOf(const OdometryReading& reading, const Rigid3& cam_from_body) {
   const Eigen::Matrix3d& axes = reading.cam_from_body;
   std::string text =
@@ -154,7 +155,7 @@ std::optional<std::string> WarningOfAxes(std::span<const WalkEvidence> frames, c
       better->median_deg, better->median_deg_as_read);
 }
 
-// How many photographs have which role, of those in the folder.
+// Returns how many photographs of the folder have which role.
 nlohmann::ordered_json RolesJson(const WalkedQueries& walked, const std::string& folder) {
   nlohmann::ordered_json json = nlohmann::ordered_json::object();
   for (const EnumName<WalkRole>& role : kEnumNames<WalkRole>) {
@@ -166,7 +167,7 @@ nlohmann::ordered_json RolesJson(const WalkedQueries& walked, const std::string&
   return json;
 }
 
-// Adds what is known of the odometry; nothing where the walk told nothing.
+// Adds what is known of the odometry where the walk told something.
 void AddOdometry(const std::optional<SmoothedWalk>& walk, nlohmann::ordered_json& json) {
   if (!walk) return;
   const auto lost = std::count_if(walk->frames.begin(), walk->frames.end(),
@@ -179,7 +180,7 @@ void AddOdometry(const std::optional<SmoothedWalk>& walk, nlohmann::ordered_json
   json["single_sigma_factor"] = walk->single_sigma_factor;
 }
 
-// The files of a walk's trajectory: those of a list's are numbered from 1.
+// Returns the files of a walk's trajectory: those of a list's walks are numbered from 1.
 TrajectoryFiles FilesOf(const WalkedQueries& walked, size_t walk) {
   return TrajectoryFilesOf(walked.walks[walk].folder.empty() ? 0 : walk + 1);
 }
@@ -207,7 +208,7 @@ void WriteTrajectory(const std::filesystem::path& folder, const WalkedQueries& w
   WriteFile(folder / files.covariances, covariances);
 }
 
-// What the walks told.
+// Returns the text of walk.json: what the walks told.
 std::string FormatWalk(const WalkedQueries& walked) {
   nlohmann::ordered_json json = {{"photographs", RolesJson(walked, "")}};
   for (size_t i = 0; i < walked.walks.size(); ++i) {
@@ -240,7 +241,7 @@ void SmoothWalkOf(const Walk& walk, std::span<const LocalizedQuery> queries,
     walked.queries[frame.query].time_s = frame.time_s;
     told.queries.push_back(frame.query);
   }
-  // Those of a list's walks name theirs.
+  // Warnings of a list's walks name their walk.
   const auto warn = [&](const std::string& warning) {
     walked.warnings.push_back((walk.folder.empty() ? "" : walk.folder + ": ") + warning);
   };
@@ -294,7 +295,8 @@ void TakeFromWalk(const SmoothedFrame& frame, const Query& photograph,
   LocalizedQuery& localized = query.localized;
   const bool had_pose = localized.localized();
   const bool agrees = had_pose && AgreesWithOwn(frame);
-  // The walk speaks for photographs that told it nothing where it rather is right than wrong.
+  // A photograph that told the walk nothing takes its pose only where that is more likely right
+  // than wrong.
   if (SinglePosesOf(localized).empty() && frame.confidence < 0.5) return;
   query.lost_before = frame.lost_before;
   if (had_pose) {
@@ -311,7 +313,7 @@ void TakeFromWalk(const SmoothedFrame& frame, const Query& photograph,
   query.role =
       !had_pose ? WalkRole::kRescued : (agrees ? WalkRole::kSmoothed : WalkRole::kReplaced);
   if (!agrees) ForgetInliers(estimate);
-  // Those of a pose that the walk makes sure, or of another pose, are none.
+  // A pose that the walk makes sure, or another pose, has no alternatives.
   if (!agrees || estimate.verdict == PoseVerdict::kLocalized) estimate.alternatives.clear();
   localized.TakeEstimate(std::move(estimate));
   localized.reason = ReasonNotLocalized(localized.estimate, min_confidence);
@@ -342,7 +344,8 @@ std::string FormatQueryDiagnostics(const WalkedQuery& query) {
 }
 
 void WriteWalk(const std::filesystem::path& folder, const WalkedQueries& walked) {
-  // Whatever is there is named by walk.json at all times, lest a run that is killed leaves others.
+  // All files that exist are named by walk.json at all times, lest a run that is killed leaves
+  // others.
   std::vector<std::string> former = WalkFilesIn(folder);
   for (size_t i = 0; i < walked.walks.size(); ++i) {
     const TrajectoryFiles files = FilesOf(walked, i);

@@ -19,32 +19,33 @@
 namespace raylift {
 namespace {
 
-// Errors have a broader part: a tenth of them, of three times the deviation.
+// A tenth of the errors has a broader distribution, of three times the standard deviation.
 constexpr double kBroadShare = 0.1;
 constexpr double kBroadVariance = 9;
 
-// What is thought of the odometry before the walk says more, over a mean step: 3 % of its length
-// and 0.5 degrees, with the weight of so many observed numbers; and of the frames' covariances.
+// Priors of the odometry's noise over a mean step, 3 % of its length and 0.5 degrees, with the
+// weight of so many observed numbers; and the weight of the prior of the frames' covariances.
 constexpr double kPriorShare = 0.03;
 constexpr double kPriorRotation = 0.5 / kDegPerRad;
 constexpr double kPriorWeight = 0.3;
 constexpr double kPriorFactorWeight = 12;
-// Anchors are looked for with noise that rather is too large, by this factor of the deviation.
+// The search for anchors takes noise that is rather too large, by this factor of the standard
+// deviation.
 constexpr double kSearchFactor = 3;
-// The scale by itself, where it is unknown: its logarithm's deviation.
+// The standard deviation of the logarithm of the scale, from where it starts, where it is unknown.
 constexpr double kPriorLogScale = 0.1;
 
 constexpr int kRounds = 10;
-// While the noise still changes, and at the end.
+// Iterations while the noise still changes, and at the end.
 constexpr int kIterationsOfRound = 4;
 constexpr int kIterations = 50;
 
-// The inverse of a covariance, and the logarithm of its determinant.
+// The inverse of a covariance, and the logarithm of the inverse's determinant.
 struct Information {
   explicit Information(const Matrix6d& inverse_covariance)
       : matrix(inverse_covariance), log_determinant(std::log(inverse_covariance.determinant())) {}
 
-  // Of a covariance that is larger by a factor.
+  // Returns the information of a covariance that is larger by a factor.
   Information Over(double factor) const {
     Information less = *this;
     less.matrix /= factor;
@@ -56,8 +57,8 @@ struct Information {
   double log_determinant;
 };
 
-// The likelihood of an error of which several explanations are possible, each normally distributed
-// or, without information, anywhere.
+// The likelihood of an error with several possible explanations, each normally distributed or,
+// without information, anywhere.
 class Mixture {
  public:
   static constexpr size_t kMostComponents = 3;
@@ -66,15 +67,15 @@ class Mixture {
     components_[count_++] = {std::log(weight) + 0.5 * information.log_determinant,
                              information.matrix};
   }
-  // A part that is anywhere, with this density (that of a normal distribution has no (2 pi)^3).
+  // Adds a component that is anywhere, with this density, times (2 pi)^3 as that of normal ones.
   void AddAnywhere(double weight, double log_density) {
     components_[count_++] = {std::log(weight) + log_density, Matrix6d::Zero()};
   }
 
   struct Value {
     double cost = 0;                               // - 2 log likelihood
-    Matrix6d information = Matrix6d::Zero();       // that the error counts with: the parts' mean
-    std::array<double, kMostComponents> shares{};  // the probability of each part
+    Matrix6d information = Matrix6d::Zero();       // of the error: the components' mean
+    std::array<double, kMostComponents> shares{};  // the probability of each component
   };
   Value At(const Vector6d& error) const {
     Value value;
@@ -112,7 +113,7 @@ Information InverseDiagonal(double rotation_variance, double position_variance) 
   return Information(information);
 }
 
-// d e(from, to) as `to` moves by a step, where e is small.
+// Returns d e(from, to) as `to` moves by a step, where e is small.
 Matrix6d OfMoved(const Vector6d& error) {
   Matrix6d jacobian = Matrix6d::Identity();
   jacobian.topLeftCorner<3, 3>() -= 0.5 * Skew(error.head<3>());
@@ -120,8 +121,8 @@ Matrix6d OfMoved(const Vector6d& error) {
   return jacobian;
 }
 
-// The terms of a walk's cost: the errors of poses and steps, and what they may be with the noise as
-// it is. `poses` are of all frames; exp(log_scale) is the odometry's unit.
+// The terms of a walk's cost: the errors of poses and steps, and their distributions under the
+// present noise. `poses` are of all frames; exp(log_scale) is the odometry's unit.
 class WalkTerms {
  public:
   // `scale` is known or about right.
@@ -153,7 +154,8 @@ class WalkTerms {
     noise_ = prior_noise_;
   }
 
-  // Takes how many steps the odometry may have been lost in at each of them; 0: it was not.
+  // Takes for each step in which the odometry may have been lost how many such steps there are
+  // between its two anchors; 0 where it was not lost.
   void TakeLostSteps(std::vector<size_t> lost_steps) {
     lost_steps_ = std::move(lost_steps);
     TakeNoise(noise_, single_factor_);
@@ -184,8 +186,8 @@ class WalkTerms {
     return step;
   }
 
-  // The one of a frame's own poses, of which there is one at least, that is the likeliest if it is
-  // at `pose`.
+  // The likeliest of a frame's own poses, of which there is one at least, if the frame is at
+  // `pose`.
   struct SingleTerm {
     size_t single = 0;
     Vector6d error;
@@ -248,7 +250,8 @@ class WalkTerms {
   }
 
  private:
-  // What the error of each of a frame's own poses may be: right, right but less exact, anywhere.
+  // Returns the distribution of the error of each of a frame's own poses: right, right but less
+  // exact, or anywhere.
   std::vector<Mixture> OfSingles(size_t i) const {
     std::vector<Mixture> mixtures;
     const std::vector<double> confidences = UsedConfidences(frames_[i]);
@@ -263,7 +266,7 @@ class WalkTerms {
     return mixtures;
   }
 
-  // What the error of a step may be.
+  // Returns the distribution of the error of a step.
   Mixture OfStep(size_t i) const {
     double rotation = noise_.rotation_variance * amounts_[i];
     double position = noise_.position_variance * amounts_[i];
@@ -307,7 +310,7 @@ class WalkGraph {
         terms_(frames, scale, scale_is_known),
         log_scale_(std::log(scale)) {}
 
-  // False where no frame's pose is right.
+  // Initializes the poses from the anchors; returns false where no frame's pose is right.
   bool Begin() {
     const double wider = kSearchFactor * kSearchFactor;
     const StepNoise& noise = terms_.noise();
@@ -361,7 +364,7 @@ class WalkGraph {
   double Scale() const { return std::exp(log_scale_); }
   Rigid3 Step(size_t i) const { return terms_.Step(i, log_scale_); }
 
-  // Each frame from the anchor with the shortest way to it.
+  // Returns each frame's pose by odometry from the anchor with the shortest way to it.
   std::vector<Rigid3> FromAnchors(const std::vector<Anchor>& anchors) const {
     std::vector<Rigid3> poses(frames_.size());
     std::vector<double> way(frames_.size(), HUGE_VAL);
@@ -384,7 +387,7 @@ class WalkGraph {
     return poses;
   }
 
-  // Levenberg's and Marquardt's method.
+  // Minimizes the cost over the poses and the scale by Levenberg's and Marquardt's method.
   void MinimizePoses(int iterations) {
     double damping = 1e-6;
     double cost = terms_.Cost(poses_, log_scale_);
@@ -423,7 +426,7 @@ class WalkGraph {
     }
   };
 
-  // False once nothing changes.
+  // Estimates the noise; returns false once nothing changes.
   bool EstimateNoise() {
     const auto covariance = Invert(terms_.Equations(poses_, log_scale_));
     if (!covariance) return false;
@@ -478,7 +481,7 @@ class WalkGraph {
   double log_scale_;
 };
 
-// The scale that pairs of frames tell, where it is not the known one.
+// Returns the scale that pairs of frames tell, where it contradicts the known one.
 std::optional<double> ContradictingScale(std::span<const WalkEvidence> frames,
                                          const SmoothedWalk& walk) {
   constexpr double kSame = 1.2;

@@ -14,11 +14,12 @@
 namespace raylift {
 namespace {
 
-// How many frames are kept: the newest ones, and those with a pose before them.
+// The number of newest frames that are all kept, and the largest number in all: of those before the
+// newest, only frames with a pose are kept.
 constexpr size_t kNewest = 30;
 constexpr size_t kMost = 60;
 
-// How far the camera went and turned over both steps.
+// Returns how far the camera went and turned over both steps.
 StepLength Sum(const StepLength& a, const StepLength& b) {
   return {a.way + b.way, a.turn_deg + b.turn_deg};
 }

@@ -26,7 +26,8 @@ using std::filesystem::path;
 using TimesByName = std::map<std::string, double>;
 using PosesByName = std::map<std::string, Rigid3>;
 
-// What the camera turns and moves less than over the whole walk is no motion.
+// A walk in which the camera turns and moves by less has no motion; the latter is relative to the
+// farthest center.
 constexpr double kLeastTurnDeg = 1e-3;
 constexpr double kLeastShareOfMotion = 1e-9;
 
@@ -41,7 +42,7 @@ TimesByName TimesInNames(std::span<const std::string> names) {
   return times;
 }
 
-// What follows the first folder of a name; nothing where it has none.
+// Returns the part of a name after its first folder; empty where it has none.
 std::string_view AfterFolder(std::string_view name) {
   const size_t slash = name.find('/');
   return slash == std::string_view::npos ? std::string_view() : name.substr(slash + 1);
@@ -75,9 +76,9 @@ struct Photographs {
   }
 };
 
-// Returns what those names have that have something: the name itself, or the only one that ends in
-// it from a folder on, as "images/a.jpg" does in "a.jpg". Where no name of a list's walk has
-// something, they are called without its folder.
+// Returns the values of the names that have one: that of the name itself, or of the only key that
+// ends in it from a folder on, as "images/a.jpg" does in "a.jpg". Where no name of a list's walk
+// has a value, the names are tried without its folder.
 template <typename T>
 std::map<std::string, T> OfNames(const Photographs& photographs,
                                  const std::map<std::string, T>& values) {
@@ -106,7 +107,7 @@ std::map<std::string, T> OfNames(const Photographs& photographs,
   return found.empty() ? find_all(photographs.folder.size()) : found;
 }
 
-// Some programs write milli-, micro- or nanoseconds.
+// Returns the times in seconds: some programs write milli-, micro- or nanoseconds.
 TimesByName InSeconds(TimesByName times) {
   double latest = 0;
   for (const auto& [name, time] : times) latest = std::max(latest, time);
@@ -115,10 +116,10 @@ TimesByName InSeconds(TimesByName times) {
   return times;
 }
 
-// Where the times of a walk's photographs may be.
+// The files that may hold the times of a walk's photographs.
 struct TimeFiles {
   path of_walk;   // goes first; empty: not given
-  path of_walks;  // of those of which nothing else tells; the same
+  path of_walks;  // where nothing else tells the times; empty: not given
 };
 
 // Returns the times that are known, in seconds.
@@ -148,7 +149,7 @@ double MedianStep(std::span<const TimedPose> poses) {
   return UpperMedianOr(std::move(steps), 0);
 }
 
-// Some programs write nanoseconds in TUM's lines.
+// Returns the poses with times in seconds: some programs write nanoseconds in TUM's lines.
 std::vector<TimedPose> InSeconds(std::vector<TimedPose> poses) {
   const double seconds = SecondsPerTick(poses.back().time_s);
   for (TimedPose& pose : poses) pose.time_s *= seconds;
@@ -182,15 +183,15 @@ void AddByTime(const path& file, std::span<const TimedPose> poses, const TimesBy
   }
 }
 
-// The number that a photograph's name is, but for folder and extension.
+// Returns the number that a photograph's name is, but for folder and extension.
 std::optional<size_t> NumberOf(std::string_view name) {
   while (!AfterFolder(name).empty()) name = AfterFolder(name);
   const auto number = ParseUint(name.substr(0, name.rfind('.')));
   return number ? std::optional<size_t>(*number) : std::nullopt;
 }
 
-// Returns the pose of each photograph, whose name says which one it is, from 0, as KITTI's do, or
-// that has the place of its pose in the order of names.
+// Returns the pose of each photograph: the one whose index, from 0, is the photograph's name, as
+// KITTI's are, or else the one at the same place in the order of names.
 PosesByName PosesInOrder(const path& file, std::span<const std::string> names,
                          std::span<const Rigid3> poses) {
   const bool are_numbers = std::all_of(names.begin(), names.end(), [&](const std::string& name) {
@@ -317,7 +318,7 @@ void CheckFolder(const LineReader& lines, const std::string& folder,
                          names.empty() ? "" : ", such a name is " + names.front()));
 }
 
-// nullopt where the file holds no list, but odometry.
+// Reads a list of walks; nullopt where the file holds no list, but odometry.
 std::optional<std::vector<ListedWalk>> ReadListOfWalks(const path& file,
                                                        std::span<const std::string> names) {
   if (std::filesystem::is_directory(file)) return std::nullopt;

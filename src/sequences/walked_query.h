@@ -1,4 +1,4 @@
-// What smoothing a whole walk and tracking it have in common.
+// Functions that smoothing a whole walk and tracking it share.
 
 #pragma once
 
@@ -8,14 +8,16 @@
 
 namespace raylift {
 
-// So many poses of a photograph count, the likeliest; what is kept of a walk grows with them.
+// The largest number of a photograph's poses that count, the likeliest; what is kept of a walk
+// grows with it.
 inline constexpr size_t kMostSinglePoses = 4;
 
-// A photograph's own pose and its alternatives, those with a covariance that has an inverse; none
-// where its own has not.
+// Returns a photograph's own pose and its alternatives, those with an invertible covariance; empty
+// where its own has none.
 std::vector<SinglePose> SinglePosesOf(const LocalizedQuery& query);
 
-// The walk's pose takes the place of a photograph's own unless that is surer.
+// Gives a photograph the walk's pose, or drops its own where that contradicts the walk; keeps its
+// own where the walk's is not sure enough.
 void TakeFromWalk(const SmoothedFrame& frame, const Query& photograph,
                   const SceneDistances& distances, double min_confidence, WalkedQuery& query);
 

@@ -27,7 +27,8 @@ using boost::system::error_code;
 using Clock = std::chrono::steady_clock;
 using Response = http::response<http::string_body>;
 
-// Runs what `begin` starts to its end, as only such work can be given up after a time.
+// Runs the operation that `begin` starts to its end, as only asynchronous ones can be given up
+// after a time.
 template <typename Begin>
 error_code Await(asio::io_context& context, const Begin& begin) {
   error_code result;
@@ -52,14 +53,14 @@ std::string FormOf(const Query& query, const std::string& photograph, const std:
       boundary, JsonText(facts), photograph);
 }
 
-// A text that does not stand in the photograph.
+// Returns a text that does not stand in the photograph.
 std::string BoundaryFor(const std::string& photograph) {
   std::string boundary = "raylift";
   while (photograph.find(boundary) != std::string::npos) boundary += '-';
   return boundary;
 }
 
-// HOST:PORT; an address of version 6 stands in brackets.
+// Returns HOST:PORT; an address of version 6 stands in brackets.
 std::string AuthorityOf(const ServerUrl& server) {
   const bool is_v6 = server.host.find(':') != std::string::npos;
   return is_v6 ? fmt::format("[{}]:{}", server.host, server.port)
@@ -82,7 +83,7 @@ http::request<http::string_body> RequestOf(const ClientOptions& options, const Q
   return request;
 }
 
-// Returns an error where there is no answer.
+// Sends the request and reads the answer. Returns an error where there is no answer.
 error_code Exchange(const ServerUrl& server, const http::request<http::string_body>& request,
                     Clock::duration patience, Response& response) {
   asio::io_context context;
@@ -107,7 +108,8 @@ error_code Exchange(const ServerUrl& server, const http::request<http::string_bo
   return {};
 }
 
-// How long to wait before the same request is sent again; nullopt where it never will be answered.
+// Returns how long to wait before the same request is sent again; nullopt where it never will be
+// answered.
 std::optional<std::chrono::seconds> RetryAfter(const Response& response) {
   const bool is_busy = response.result() == http::status::too_many_requests ||
                        response.result() == http::status::service_unavailable;
@@ -118,7 +120,7 @@ std::optional<std::chrono::seconds> RetryAfter(const Response& response) {
   return std::chrono::seconds(std::max<int64_t>(*seconds, 1));
 }
 
-// What a problem's JSON says, or the status where there is none.
+// Returns the detail of a problem's JSON, or the status where there is none.
 std::string DetailOf(const Response& response) {
   const auto problem = nlohmann::json::parse(response.body(), nullptr, false);
   if (problem.is_object() && problem.contains("detail") && problem["detail"].is_string()) {

@@ -36,7 +36,8 @@ std::optional<Problem> ProblemOf(const error_code& error) {
 
 std::string Text(beast::string_view view) { return {view.data(), view.size()}; }
 
-// Proxies and servers that disagree on where a request ends let one smuggle another.
+// Refuses a request whose end is ambiguous: proxies and servers that disagree on where a request
+// ends let one smuggle another.
 std::optional<Problem> FramingProblem(const Message& message) {
   const size_t encodings = message.count(http::field::transfer_encoding);
   const bool is_chunked =
@@ -93,7 +94,8 @@ void Connection::ReadHeader() {
   http::async_read_header(stream_, buffer_, *parser_,
                           [self = shared_from_this()](error_code error, size_t) {
                             self->StandNowhere();
-                            // It may have given way while its header was on its way to here.
+                            // The connection may have given way to another while its header was on
+                            // its way to here.
                             if (self->stream_.socket().is_open()) self->OnHeader(error);
                           });
 }
@@ -125,7 +127,7 @@ void Connection::OnHeader(const error_code& error) {
   if (const auto problem = FramingProblem(parser_->get())) return Refuse(*problem);
   auto answer =
       shared_.service.AnswerHead(request_, shared_.is_ready, [this] { return shared_.Gauges(); });
-  // What is left of a body that is not read would be taken for the next request.
+  // The rest of a body that is not read would be taken for the next request.
   closes_ = !parser_->keep_alive() || (answer && !parser_->is_done());
   if (answer) return Write(std::move(*answer));
   if (Service::IsBatch(request_) && parser_->get().version() < 11) {

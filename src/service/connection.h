@@ -1,4 +1,4 @@
-// How requests travel: HTTP/1.1 by Boost.Beast. One thread moves bytes; those of a queue work on
+// Connections of clients, HTTP/1.1 by Boost.Beast. One thread moves bytes; those of a queue work on
 // photographs, so that neither waits for the other.
 
 #pragma once
@@ -59,12 +59,13 @@ struct GrowingBody {
   };
 };
 
-// What connections share. But for the queue's work, all is done on the one thread that runs `io`.
+// The state that connections share. All but the queue's work is done on the one thread that runs
+// `io`.
 struct Shared {
   explicit Shared(const ServerOptions& asked)
       : options(asked),
         service(asked),
-        // In the other half of the time it is to be done.
+        // Work waits for half of the time at most; in the other half it is to be done.
         queue(asked.threads, asked.limits.queue, WorkQueue::Seconds(asked.limits.answer_s / 2)) {}
 
   std::vector<Gauge> Gauges() const {
@@ -87,21 +88,22 @@ struct Shared {
 
   ServerOptions options;
   Service service;
-  size_t held_bytes = 0;  // of bodies
+  size_t held_bytes = 0;  // bodies in memory
   bool is_ready = true;   // else no more requests should be sent
   bool is_draining = false;
   std::set<class Connection*> connections;
-  // Of them those without a request, and those that were answered and are about to end: each the
-  // longest so first.
+  // Connections without a request, and connections that were answered and are about to end; the one
+  // that has been so for longest is first.
   std::list<Connection*> idle, lingering;
   std::function<void()> on_closed;
-  // These end first: what they hold refers to the others.
+  // These are destroyed first: what they hold refers to the others.
   asio::io_context io{1};
   WorkQueue queue;
 };
 
-// One client: reads a request, has it answered, writes the answer, and so on. What waits for the
-// network holds it, and so does its work in the queue, which lets go of it on the thread of `io`.
+// The connection of one client: reads a request, has it answered, writes the answer, and so on.
+// Operations that wait for the network hold it, and so does its work in the queue, which lets go of
+// it on the thread of `io`.
 class Connection : public std::enable_shared_from_this<Connection> {
  public:
   Connection(tcp::socket socket, Shared& shared);
@@ -110,9 +112,9 @@ class Connection : public std::enable_shared_from_this<Connection> {
   Connection& operator=(const Connection&) = delete;
 
   void ReadHeader();
-  // Ends it, which has no request under way.
+  // Closes the connection, which has no request under way.
   void Close();
-  // Whether it has had the time to send its request.
+  // Returns whether the client has had the time to send its request.
   bool CouldAsk() const;
   bool runs_batch() const { return runs_batch_; }
 
@@ -137,8 +139,8 @@ class Connection : public std::enable_shared_from_this<Connection> {
     std::exception_ptr failure = {};
   };
 
-  // Work for a thread of the queue, with whose result the one of `io` goes on. Where either fails,
-  // the connection is closed: there is no memory even to tell.
+  // Returns work for a thread of the queue; `then` takes its result on the thread of `io`. Where
+  // either fails, the connection is closed: there is no memory even to tell.
   template <typename Work, typename Then>
   WorkQueue::Work Task(Work work, Then then) {
     using Result = decltype(work(*this));
@@ -170,7 +172,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
     return WorkQueue::Tells::kNothing;
   }
 
-  // There may be no memory for a while.
+  // Posts the handler, again and again where there is no memory for a while.
   template <typename Handler>
   static void PostUntilTaken(asio::io_context& io, const Handler& handler) {
     constexpr std::chrono::milliseconds kAgain(10);
@@ -183,8 +185,8 @@ class Connection : public std::enable_shared_from_this<Connection> {
     }
   }
 
-  // A client that sends nothing more while it waits has gone where the socket can be read: then
-  // that is its end. (What sends the next request already is not watched any more.)
+  // Watches for the end of a client that waits: one that sends nothing more has gone where the
+  // socket can be read. (A client that sends its next request already is not watched any more.)
   void NoteIfGone();
   void OnBatch(Service::BegunBatch begun);
   void GoOnWithBatch();
@@ -192,7 +194,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   void SetResponse(const HttpAnswer& answer);
   void Write(HttpAnswer answer);
   void OnWritten(const error_code& error);
-  // Reads what still comes: to close before would take the answer from a client that still sends.
+  // Reads what still comes: closing at once would take the answer from a client that still sends.
   void Linger();
 
   Shared& shared_;
@@ -206,7 +208,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   http::response<http::string_body> response_;
   std::unique_ptr<Service::Batch> batch_;  // null: it has asked for none
   std::optional<http::response_serializer<http::string_body>> streamed_;
-  std::string line_;  // of the batch, on its way
+  std::string line_;  // line of the batch that is being written
   struct Place {
     std::list<Connection*>& list;  // idle or lingering ones
     std::list<Connection*>::iterator position;

@@ -1,4 +1,4 @@
-// What the server shows of itself, made of the files in src/service/documents.
+// The server's own documents, made from the files in src/service/documents.
 
 #pragma once
 

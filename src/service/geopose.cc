@@ -18,14 +18,14 @@
 namespace raylift {
 namespace {
 
-// A number that may be missing, or null, as which JavaScript writes NaN.
+// Reads a number that may be missing, or null, as which JavaScript writes NaN.
 std::optional<double> NumberIn(const JsonPlace& object, std::string_view name) {
   if (!object.Has(name)) return std::nullopt;
   const JsonPlace number = object.Member(name);
   return number.IsNull() ? std::nullopt : std::optional(number.Number());
 }
 
-// "MODEL width height params..."; nullopt where the client knows no camera.
+// Returns "MODEL width height params..."; nullopt where the client knows no camera.
 std::optional<std::string> CameraOf(const JsonPlace& reading) {
   if (!reading.Has("params")) return std::nullopt;
   const JsonPlace params = reading.Member("params");
@@ -52,7 +52,7 @@ std::optional<std::string> CameraOf(const JsonPlace& reading) {
   return camera;
 }
 
-// Pixels as they are in memory.
+// Reads pixels as they are in memory.
 Image RawImage(const JsonPlace& reading, const std::string& bytes, size_t bytes_per_pixel,
                uint64_t max_pixels) {
   const JsonPlace size = reading.Member("size");
@@ -120,7 +120,7 @@ LocalizeRequest ReadPhotograph(const JsonPlace& readings, const std::string& nam
 constexpr double kFarthestFromEllipsoidM = 1e5;
 constexpr double kLargestAccuracyM = 2e7;  // from a pole to the other
 
-// Fails where its magnitude is larger.
+// Reads a number; throws where its magnitude is larger.
 std::optional<double> NumberWithin(const JsonPlace& reading, std::string_view name, double most) {
   const auto number = NumberIn(reading, name);
   if (number && !(std::abs(*number) <= most)) {
@@ -192,7 +192,7 @@ GeoPoseRequest ReadGeoPoseRequest(std::string_view body, uint64_t max_pixels) {
 
 std::string FormatGeoPoseAnswer(const GeoPoseRequest& request, const std::string& scene,
                                 const LocalizedQuery& localized, const ScenePlace::Camera& camera) {
-  // What the protocol's client takes for an accuracy that is not known.
+  // The protocol's client takes this for an accuracy that is not known.
   double position_m = std::numeric_limits<double>::max(), orientation_deg = position_m;
   const auto& covariance = localized.estimate.covariance;
   if (camera.sigma_m && covariance) {

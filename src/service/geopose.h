@@ -1,5 +1,5 @@
-// The GeoPose Protocol of Open AR Cloud, version 2: a request holds a device's sensors and what
-// they read, the answer is OGC GeoPose.
+// Reads and answers requests of the GeoPose Protocol of Open AR Cloud, version 2: a request holds a
+// device's sensors and what they read, the answer is OGC GeoPose.
 // https://github.com/OpenArCloud/oscp-geopose-protocol
 
 #pragma once

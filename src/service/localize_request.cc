@@ -26,7 +26,7 @@ namespace {
 
 constexpr std::string_view kNameIs = "expected 1 to 1000 bytes";
 
-// Priors are one text or a line each.
+// Reads priors, which are one text or a line each.
 std::string ReadLines(const JsonPlace& place) {
   std::string text;
   const bool is_list = place.IsArray();
@@ -37,7 +37,8 @@ std::string ReadLines(const JsonPlace& place) {
   return text;
 }
 
-// Definitions of systems of coordinates can name files and cost time and memory each.
+// Refuses long priors, and definitions of coordinate systems, which can name files and cost time
+// and memory each.
 void CheckPriors(std::string_view text, const JsonPlace& place) {
   constexpr size_t kMaxBytes = size_t{64} << 10;
   if (text.size() > kMaxBytes) place.Fail(fmt::format("is longer than {} bytes", kMaxBytes));
@@ -112,7 +113,7 @@ Features ReadFeatures(const JsonPlace& json) {
   return features;
 }
 
-// Each reference once.
+// Reads matches, in whose list each reference stands once.
 QueryMatches ReadMatches(const JsonPlace& list, const Query& query,
                          const ReferencesByName& references) {
   const MatchReading reading{.first_pixel = 0.5};

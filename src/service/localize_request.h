@@ -1,5 +1,5 @@
-// What a client asks to be localized: a photograph, or features or matches in its place, with what
-// is known of it.
+// A client's request to localize a photograph, or features or matches in its place, with what is
+// known of it.
 
 #pragma once
 
@@ -28,7 +28,7 @@ using ReferencesByName = std::map<std::string, const PosedImage*, std::less<>>;
 
 // The photograph's place in a walk of its client.
 struct WalkStep {
-  std::string token;                   // of the answer before; empty: the walk begins with it
+  std::string token;                   // of the answer before; empty: the walk begins here
   std::optional<OdometryScale> scale;  // nullopt: as before, known at first
   Rigid3 cam_from_odometry;
   double time_s = 0;
@@ -56,7 +56,7 @@ struct LocalizeRequest {
 LocalizeRequest ReadLocalizeRequest(std::string_view content_type, std::string_view body,
                                     const ReferencesByName& references, uint64_t max_pixels);
 
-// What a request says of the photograph beside what it shows.
+// Facts that a request states of the photograph beside what it shows.
 struct QueryFacts {
   std::string name = {};
   std::optional<std::string> camera = std::nullopt, priors = std::nullopt;
@@ -76,8 +76,8 @@ struct BatchRequest {
 BatchRequest ReadBatchRequest(std::string_view content_type, std::string_view body);
 LocalizeRequest ReadBatchEntry(const BatchRequest& batch, size_t index, uint64_t max_pixels);
 
-// The request of a photograph's file. Errors name the fields that the file and the facts came in;
-// the latter is empty where its readers name it themselves.
+// Returns the request of a photograph's file. Errors name the fields that the file and the facts
+// came in; `facts` is empty where their readers name it themselves.
 struct PictureFields {
   std::string image = "image", facts = {};
 };
@@ -88,10 +88,10 @@ LocalizeRequest RequestOfPicture(std::string file, const QueryFacts& facts, uint
 // the facts do not name it.
 Query QueryOf(const QueryFacts& facts, PlaneSize size, const Exif& exif = {});
 
-// Throws InputError for what would take many times its bytes as a document.
+// Throws InputError for JSON that would take many times its bytes as a document.
 void CheckJson(std::string_view text);
 
-// Says of which field an error is.
+// Calls `read`, and says in its InputError of which field it is.
 template <typename Function>
 auto InField(const std::string& field, const Function& read) {
   try {
@@ -101,7 +101,7 @@ auto InField(const std::string& field, const Function& read) {
   }
 }
 
-// What a photograph without a name is called.
+// The name of a photograph that has none.
 inline constexpr std::string_view kUnnamed = "photograph";
 bool IsName(const std::string& name);  // 1 to 1000 bytes
 

@@ -13,7 +13,7 @@
 namespace raylift {
 namespace {
 
-// As "qvec" has it: of length 1, but for rounding.
+// Reads a rotation as "qvec" has it: of length 1, but for rounding.
 Eigen::Quaterniond ReadRotation(const JsonPlace& qvec) {
   const Eigen::Vector4d q = qvec.Vector<4>();
   if (!(q.norm() > 0.99 && q.norm() < 1.01)) qvec.Fail("expected a quaternion of length 1");

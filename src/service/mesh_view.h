@@ -1,4 +1,4 @@
-// The scene's surface as a photograph would show it.
+// Renders the scene's surface as a photograph would show it.
 
 #pragma once
 

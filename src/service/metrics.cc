@@ -13,7 +13,7 @@ std::string Heading(std::string_view name, std::string_view help, std::string_vi
   return fmt::format("# HELP {0} {1}\n# TYPE {0} {2}\n", name, help, type);
 }
 
-// As a label's value stands in quotes.
+// Escapes a text as a label's value in quotes.
 std::string Escaped(std::string_view text) {
   std::string escaped;
   for (const char c : text) {

@@ -1,4 +1,4 @@
-// What the service counts, in the text format of Prometheus.
+// Counters of the service, in the text format of Prometheus.
 
 #pragma once
 
@@ -14,7 +14,7 @@
 
 namespace raylift {
 
-// A number that is now so, beside those that are counted.
+// A present value, beside those that are counted.
 struct Gauge {
   std::string_view name, help;
   double value;
@@ -43,7 +43,7 @@ class Metrics {
   std::map<std::string, Histogram, std::less<>> stages_;
 };
 
-// Resident memory of this process, in bytes; 0 where it is not known.
+// Returns the resident memory of this process, in bytes; 0 where it is not known.
 double ResidentBytes();
 
 }  // namespace raylift

@@ -11,7 +11,7 @@
 namespace raylift {
 namespace {
 
-// Names of members and their indices, as in "matches[2].query_px".
+// Returns whether the text holds names of members and their indices, as in "matches[2].query_px".
 bool IsField(std::string_view text) {
   return !text.empty() && std::all_of(text.begin(), text.end(), [](unsigned char c) {
     return std::isalnum(c) != 0 || c == '_' || c == '.' || c == '[' || c == ']';

@@ -1,5 +1,5 @@
-// What is wrong with a request, and what the client is told of it: a JSON object of RFC 9457
-// ("problem details"), with the field of the request that it is about.
+// The error of a request as the client is told of it: a JSON object of RFC 9457 ("problem
+// details"), with the field of the request that it is about.
 
 #pragma once
 
@@ -20,7 +20,7 @@ class Problem : public std::runtime_error {
   int status() const { return status_; }
   const std::string& field() const { return field_; }  // empty: it is about none
 
-  // In how many seconds the same request may be answered; nullopt where it never will be.
+  // Seconds until the same request may be answered; nullopt where it never will be.
   std::optional<int> retry_after_s = std::nullopt;
 
  private:
@@ -28,7 +28,7 @@ class Problem : public std::runtime_error {
   std::string field_;
 };
 
-// A problem that may be gone in a second.
+// Returns a problem that may be gone in a second.
 Problem TryLater(int status, const std::string& detail);
 
 // Returns the problem of a request whose reader threw this: "query: camera: expected ..." is about
@@ -38,7 +38,7 @@ Problem ProblemOfInput(const std::string& message);
 nlohmann::ordered_json ProblemObject(const Problem& problem);
 std::string ProblemJson(const Problem& problem);
 
-// "Bad Request" of 400.
+// Returns the phrase of a status: "Bad Request" of 400.
 const char* PhraseOf(int status);
 
 }  // namespace raylift

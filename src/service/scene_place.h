@@ -1,4 +1,4 @@
-// Where a served scene is on the earth.
+// The place of a served scene on the earth.
 
 #pragma once
 
@@ -20,32 +20,33 @@ namespace raylift {
 // A position on the earth as clients know it: by GNSS, or by an earlier answer.
 struct RoughPosition {
   Eigen::Vector3d geographic;  // longitude, latitude in degrees, height of WGS 84
-  // Standard deviations in meters along east, north and up; nullopt: it tells no more than which
-  // scene is near.
+  // Standard deviations in meters along east, north and up; nullopt where the position only tells
+  // which scene is near.
   std::optional<Eigen::Vector3d> sigma_m = std::nullopt;
 };
 
 // Thread safe.
 class ScenePlace {
  public:
-  // Throws InputError where the world's system is not meant for where the references are.
+  // Throws InputError where the references lie outside of the area of use of the world's coordinate
+  // system.
   ScenePlace(const WorldFrame& world, const ReferenceSet& references);
 
   struct Camera {
     nlohmann::ordered_json geopose;               // OGC GeoPose 1.0, Basic-Quaternion
     std::optional<Eigen::Vector3d> sigma_m = {};  // of its center, along east, north and up
   };
-  // nullopt where the world's system is not meant for where the camera is.
+  // Returns the camera's place on the earth; nullopt outside of that area of use.
   std::optional<Camera> CameraOf(const PoseEstimate& estimate) const;
 
-  // How far the nearest reference is along the ground, in meters; nullopt where the world's system
-  // is not meant for the position.
+  // Returns the distance to the nearest reference along the ground, in meters; nullopt where the
+  // position lies outside of that area of use.
   std::optional<double> DistanceMeters(const RoughPosition& position) const;
 
-  // The same in the world; nullopt likewise.
+  // Returns the position as a prior in the world; nullopt likewise, and without `sigma_m`.
   std::optional<PositionPrior> PriorOf(const RoughPosition& position) const;
 
-  // Says how places may be off; nullopt where they are not.
+  // Returns a warning that says how places may be off; nullopt where they are not.
   std::optional<std::string> Warning() const;
 
  private:
@@ -53,7 +54,7 @@ class ScenePlace {
     Eigen::Vector3d in_crs;
     Eigen::Matrix3d crs_from_enu;  // LocalFrame::crs_from_enu
   };
-  // nullopt where the system is not meant for it.
+  // Returns nullopt outside of the coordinate system's area of use.
   std::optional<Place> PlaceAt(const Eigen::Vector3d& geographic) const;
 
   mutable std::mutex mutex_;  // PROJ's objects are for one thread at a time

@@ -47,7 +47,7 @@ void Listen(const ServerOptions& options, tcp::acceptor& acceptor) {
   }
 }
 
-// What fits into a new socket's buffer goes out without waiting.
+// Refuses a client: what fits into a new socket's buffer goes out without waiting.
 void SendAway(tcp::socket& socket) {
   constexpr std::string_view kAnswer =
       "HTTP/1.1 503 Service Unavailable\r\nRetry-After: 1\r\nConnection: close\r\n"
@@ -78,7 +78,7 @@ class Server::Impl {
     Listen(options, acceptor_);
     shared_.service.Take(open_(), options.threads);
     shared_.on_closed = [this] { EndIfDone(); };
-    // They wait for Run() from now on; before, they end the opening.
+    // Signals wait for Run() from now on; before, they end the opening.
     for (const int signal : {SIGTERM, SIGINT, SIGHUP}) signals_.add(signal);
   }
   ~Impl() {
@@ -140,9 +140,9 @@ class Server::Impl {
     }
   }
 
-  // Whoever holds connections open without a request keeps nobody out; but newcomers do not take
-  // their places from each other before they could ask, unless most places are idle. Returns
-  // whether one has given way.
+  // Closes an idle connection to make room: whoever holds connections open without a request keeps
+  // nobody out, but newcomers do not take their places from each other before they could ask,
+  // unless most places are idle. Returns whether one has given way.
   bool CloseOne() {
     if (!shared_.lingering.empty()) {
       shared_.lingering.front()->Close();
@@ -155,7 +155,7 @@ class Server::Impl {
     return true;
   }
 
-  // What failed may have taken the handler with it that accepts.
+  // Accepts again where a failure may have taken the accepting handler with it.
   void ResumeAccepting() {
     if (shared_.is_draining || !accepting_.expired()) return;
     OnceThereIsMemory([this] { AcceptLater(); });
@@ -168,7 +168,7 @@ class Server::Impl {
     });
   }
 
-  // No signal is lost.
+  // Waits for the next signal; none is lost.
   void WaitForSignal() {
     OnceThereIsMemory([this] {
       signals_.async_wait([this](error_code error, int signal) {
@@ -229,7 +229,8 @@ class Server::Impl {
     }
   }
 
-  // What is asked for while the scenes are opened may be about later files: they are opened again.
+  // Opens the scenes again while that is asked for: a request that comes meanwhile may be about
+  // later files.
   void ReopenWhileAsked() {
     const CallWatch call({.stop_wanted = [this] { return ends_.load(); }});
     int asked = 0;

@@ -26,7 +26,7 @@
 
 namespace raylift {
 
-// Returns a line that is an object with another member at its end.
+// Returns the line, a JSON object, with another member at its end.
 static std::string WithMember(std::string line, std::string_view name, const std::string& json) {
   line.pop_back();  // the brace
   return fmt::format("{},\"{}\":{}}}", line, name, json);
@@ -41,7 +41,7 @@ struct Service::Opened {
   Opened(const WalkTokens& tokens, ServedScene opened, int threads)
       : scene(std::move(opened)), walks(tokens, scene, threads) {}
 
-  // A line of queries.jsonl; and as GeoPose where the place is known.
+  // Returns a line of queries.jsonl, with the camera as GeoPose where the place is known.
   std::string Line(const LocalizedQuery& query) const {
     return WithPlace(FormatQueryDiagnostics(query), query);
   }
@@ -73,12 +73,13 @@ bool IsPost(std::string_view path) {
   return path == kLocalizePath || path == kBatchPath || path == kGeoPosePath || path == kViewPath;
 }
 
-// Undecoded: all of ours are plain.
+// Returns the path undecoded, as all of ours are plain.
 std::string_view PathOf(const HttpRequest& request) {
   return std::string_view(request.target).substr(0, request.target.find('?'));
 }
 
-// The path where it is one of ours: what clients make up is not counted by its name.
+// Returns the path where it is one of ours, else "other": paths that clients make up are not
+// counted by their names.
 std::string RouteOf(const HttpRequest& request) {
   const std::string_view path = PathOf(request);
   return IsGet(path) || IsPost(path) ? std::string(path) : "other";
@@ -104,8 +105,8 @@ std::string Decoded(std::string_view text) {
   return decoded;
 }
 
-// Turns what localization throws into what the client is told. What is our own fault is told to
-// the log alone.
+// Turns errors of localization into problems that the client is told. Errors that are our own fault
+// are told to the log alone.
 template <typename Function>
 auto AsProblems(const ServerOptions& options, const Function& work) {
   try {
@@ -128,7 +129,7 @@ auto AsProblems(const ServerOptions& options, const Function& work) {
   }
 }
 
-// The scene that a request names.
+// Returns the scene that a request names.
 std::optional<std::string> SceneNameOf(const HttpRequest& request) {
   std::optional<std::string> wanted;
   for (const auto& [name, value] : ParseParameters(request.target)) {
@@ -275,7 +276,7 @@ std::optional<HttpAnswer> Service::AnswerHead(const HttpRequest& head, bool is_r
       answer.headers.emplace_back("Allow", is_get ? "GET, HEAD" : "POST");
       return answer;
     }
-    // Whether it is well is no secret, nor is the page, which asks for a token itself.
+    // Health is no secret, nor is the page, which asks for a token itself.
     const bool is_open = path == "/healthz" || path == "/readyz" || path == "/";
     if (tokens_ && !is_open) tokens_->Admit(head.authorization, AnswerWatch::Clock::now());
     if (!is_get) {
@@ -399,7 +400,7 @@ const Service::Opened& Service::NearestOf(std::span<const std::shared_ptr<const 
 HttpAnswer Service::AnswerView(const HttpRequest& request, const AnswerWatch& watch) const {
   const auto opened = SceneOf(request);
   const ViewRequest view = ReadViewRequest(request.body);
-  // There are lenses that take minutes.
+  // Some lenses take minutes to render.
   const CallWatch call({.stop_wanted = [&] { return watch.IsOver(); }});
   try {
     return {.content_type = "image/jpeg",
@@ -468,7 +469,7 @@ Service::BatchLine Service::Next(Batch& batch, const AnswerWatch& watch) {
   try {
     line.text = AsProblems(options_, [&] {
       watch.Check();
-      // The batch was admitted for its first.
+      // The token was admitted for the first photograph when the batch began.
       if (tokens_ && index > 0) {
         tokens_->Admit(batch.request.authorization, AnswerWatch::Clock::now());
       }
@@ -507,7 +508,7 @@ void Service::Complete(const HttpRequest& request, HttpAnswer& answer) {
   answer.headers.emplace_back("Vary", "Origin");
 }
 
-// The names are ours: of the time, the process and a number.
+// Keeps a picture and its line under a name of ours: the time, the process and a number.
 void Service::Keep(const std::string& picture, const std::string& line) {
   const std::string name = fmt::format(
       "{:%Y%m%d-%H%M%S}-{}-{:06}",

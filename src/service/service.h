@@ -1,4 +1,4 @@
-// What the server answers, apart from how requests travel (server.cc).
+// Answers requests, apart from how these travel (server.cc).
 
 #pragma once
 
@@ -30,7 +30,7 @@ namespace raylift {
 struct RoughPosition;
 
 struct HttpRequest {
-  std::string method, target;                             // as they stand in its first line
+  std::string method, target;                             // as in its first line
   std::string content_type, authorization, origin, body;  // empty: it has none
 };
 
@@ -42,7 +42,7 @@ struct HttpAnswer {
   WorkQueue::Tells tells = WorkQueue::Tells::kNothing;  // only where something was localized for it
 };
 
-// Whether somebody still waits for an answer.
+// Tells whether somebody still waits for an answer.
 struct AnswerWatch {
   using Clock = std::chrono::steady_clock;
   Clock::time_point deadline;
@@ -50,11 +50,11 @@ struct AnswerWatch {
 
   // Returns whether nobody waits any more.
   bool IsOver() const;
-  // Throws Problem then.
+  // Throws Problem where nobody does.
   void Check() const;
 };
 
-// Asked where somebody wants to see them.
+// Called where somebody wants to see the gauges.
 using ReadGauges = std::function<std::vector<Gauge>()>;
 
 // Thread safe.
@@ -62,20 +62,20 @@ class Service {
  public:
   explicit Service(const ServerOptions& options);
 
-  // From now on these scenes are asked; work in hand goes on with those that it has begun with.
-  // Prepares them on `threads`, 0: one for each core. Throws InputError where a name stands twice.
+  // Replaces the scenes; work in hand goes on with those that it has begun with. Prepares them on
+  // `threads`, 0: one for each core. Throws InputError where a name stands twice.
   void Take(std::vector<ServedScene> scenes, int threads);
 
-  // Answers what needs no body and refuses what is to be refused before it is read. nullopt where
-  // the request is one for Localize() or for a batch.
+  // Answers requests that need no body, and refuses those that are to be refused before theirs is
+  // read. nullopt where the request is one for Localize() or for a batch.
   std::optional<HttpAnswer> AnswerHead(const HttpRequest& head, bool is_ready,
                                        const ReadGauges& gauges);
   static bool IsBatch(const HttpRequest& request);
 
-  // Answers what takes a thread: a photograph on /v1/localize or /geopose, and /v1/view.
+  // Answers requests that take a thread: a photograph on /v1/localize or /geopose, and /v1/view.
   HttpAnswer Localize(const HttpRequest& request, const AnswerWatch& watch);
 
-  // Photographs of one request, one after the other.
+  // The photographs of one request, localized one after the other.
   struct Opened;
   struct Batch {
     HttpRequest request;  // whose body the photographs are views into
@@ -94,7 +94,7 @@ class Service {
     std::string text;
     WorkQueue::Tells tells = WorkQueue::Tells::kNothing;  // as of HttpAnswer
   };
-  // The next photograph's answer, or its name and what was wrong with it.
+  // Returns the next photograph's answer, or its name and what was wrong with it.
   BatchLine Next(Batch& batch, const AnswerWatch& watch);
 
   // Returns the answer that tells a problem, and counts it.
@@ -103,7 +103,7 @@ class Service {
  private:
   using OpenedScenes = std::map<std::string, std::shared_ptr<const Opened>>;
 
-  // `tells` is that of the answer, and of what is thrown.
+  // Sets `tells` for the answer, and also where it throws.
   HttpAnswer AnswerLocalize(const HttpRequest& request, const AnswerWatch& watch,
                             WorkQueue::Tells& tells);
   HttpAnswer AnswerView(const HttpRequest& request, const AnswerWatch& watch) const;
@@ -114,10 +114,11 @@ class Service {
   void Complete(const HttpRequest& request, HttpAnswer& answer);
   std::shared_ptr<const OpenedScenes> Scenes() const;
   std::shared_ptr<const Opened> SceneOf(const HttpRequest& request) const;
-  // Throws Problem where it cannot be told, or where none has a system for the position.
+  // Returns the scene nearest to the position. Throws Problem where it cannot be told, or where
+  // none has a coordinate system for the position.
   static const Opened& NearestOf(std::span<const std::shared_ptr<const Opened>> scenes,
                                  const std::optional<RoughPosition>& near);
-  // Those that may answer where a photograph is on the earth; at least one.
+  // Returns the scenes that may answer where a photograph is on the earth; at least one.
   std::vector<std::shared_ptr<const Opened>> PlacedScenesOf(const HttpRequest& request) const;
   HttpAnswer Get(std::string_view path, bool is_ready, const ReadGauges& gauges) const;
   HttpAnswer ListScenes() const;
@@ -134,8 +135,8 @@ class Service {
   std::shared_ptr<const OpenedScenes> scenes_;  // guarded by it
 };
 
-// Returns those of a request's target: "/v1/localize?scene=a". Throws Problem for what cannot be
-// decoded, and for a parameter that stands twice.
+// Returns the parameters of a request's target: "/v1/localize?scene=a". Throws Problem for what
+// cannot be decoded, and for a parameter that stands twice.
 std::map<std::string, std::string> ParseParameters(std::string_view target);
 
 }  // namespace raylift

@@ -13,7 +13,7 @@
 namespace raylift {
 namespace {
 
-// Looks at every byte, whether or not those before it differ.
+// Compares every byte, whether or not those before it differ.
 bool AreEqual(std::string_view known, std::string_view given) {
   volatile unsigned difference = known.size() == given.size() ? 0 : 1;
   for (size_t i = 0; i < given.size(); ++i) {

@@ -1,4 +1,4 @@
-// Who may ask: bearer tokens of a file, and how often each of them.
+// Bearer tokens of a file, which say who may ask, and how often.
 
 #pragma once
 
@@ -17,8 +17,8 @@ class Tokens {
  public:
   using Time = std::chrono::steady_clock::time_point;
 
-  // Lines `TOKEN [REQUESTS_PER_MINUTE]`; `#` comments and empty lines are skipped. Throws
-  // InputError for anything else, and where there is none.
+  // Reads lines `TOKEN [REQUESTS_PER_MINUTE]`; `#` comments and empty lines are skipped. Throws
+  // InputError for anything else, and where there is no token.
   explicit Tokens(const std::filesystem::path& file);
 
   // Throws Problem unless the header "Authorization" holds a known token ("Bearer TOKEN") that has

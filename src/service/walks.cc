@@ -98,7 +98,7 @@ class Bytes {
   std::string_view read_;
 };
 
-// What stands before the walk.
+// The header before the walk.
 struct Header {
   char version[kVersion.size()];
   uint64_t scene;
@@ -109,7 +109,7 @@ int64_t SecondsOf(WalkTokens::Time time) {
   return std::chrono::duration_cast<std::chrono::seconds>(time.time_since_epoch()).count();
 }
 
-// Of the scene's name and its references'.
+// Returns a hash of the scene's name, and of its references' names and poses.
 uint64_t WorldOf(const ServedScene& scene) {
   uint64_t hash = HashBytes64(scene.name);
   for (const PosedImage& image : scene.localizer->scene().references.images) {

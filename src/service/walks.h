@@ -1,5 +1,5 @@
-// Walks over requests: what is known of one so far travels with its client as a signed token, so
-// that any server with the same key goes on with it and none keeps anything.
+// Walks over requests: the state of a walk travels with its client as a signed token, so that any
+// server with the same key goes on with it and none keeps anything.
 
 #pragma once
 
@@ -31,11 +31,11 @@ class WalkTokens {
   // InputError where it has fewer.
   explicit WalkTokens(const std::filesystem::path& key_file);
 
-  // Returns base64 of the walk and its HMAC-SHA-256, some 35 kB at most. `scene` tells apart what
-  // the walk's poses are in.
+  // Returns base64 of the walk and its HMAC-SHA-256, some 35 kB at most. `scene` identifies the
+  // world that the walk's poses are in.
   std::string Seal(ServedWalk walk, uint64_t scene, Time now) const;
-  // Throws Problem for what this key has not signed (400), what is of another scene (409) and what
-  // is more than an hour old or another version's (410).
+  // Returns the walk of a token. Throws Problem for a token that this key has not signed (400), one
+  // of another scene (409), and one that is more than an hour old or of another version (410).
   ServedWalk Open(std::string_view token, uint64_t scene, Time now) const;
 
  private:
@@ -47,8 +47,8 @@ class WalkTokens {
 // The walks of clients in one scene. Thread safe.
 class SceneWalks {
  public:
-  // Measures the scene's distances, by so many threads (0: one for each core): a walk's first
-  // photograph shall not wait for that.
+  // Measures the scene's distances on `threads` (0: one for each core): a walk's first photograph
+  // shall not wait for that.
   SceneWalks(const WalkTokens& tokens, const ServedScene& scene, int threads);
 
   // Returns the walk so far. Throws Problem where the step cannot follow it.
@@ -56,13 +56,13 @@ class SceneWalks {
 
   struct Walked {
     WalkedQuery query;
-    std::string session;  // of the answer, JSON
+    std::string session;  // member of the answer, JSON
   };
   Walked GoOn(ServedWalk walk, const WalkedPhotograph& photograph) const;
 
  private:
   const WalkTokens& tokens_;
-  uint64_t world_;  // tells apart what poses are in
+  uint64_t world_;  // identifies the world that poses are in
   SceneDistances distances_;
 };
 

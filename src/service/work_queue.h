@@ -1,4 +1,4 @@
-// Work that waits for a thread, no more of it and no longer than bounds.
+// A queue of work that waits for threads, bounded in length and in waiting time.
 
 #pragma once
 
@@ -15,8 +15,8 @@ namespace raylift {
 
 class WorkQueue {
  public:
-  // What the time of a piece of work tells of how long others will take: nothing, as it is not like
-  // them; or it took this long; or, where it was given up, it would have taken longer.
+  // Says what the time of a piece of work tells of others: kNothing, as they are not alike; kTime,
+  // they take this time; kLeastTime, it was given up and would have taken longer.
   enum class Tells { kNothing, kTime, kLeastTime };
   // Throws nothing.
   using Work = std::function<Tells()>;
@@ -30,17 +30,18 @@ class WorkQueue {
   WorkQueue(const WorkQueue&) = delete;
   WorkQueue& operator=(const WorkQueue&) = delete;
 
-  // Returns whether there was room: while all threads are busy there is none for what would wait
-  // too long, as work that tells has taken lately. Thread safe, as all of these.
+  // Adds work and returns true where there is room: while all threads are busy, there is none for
+  // work that would wait too long, judged by the time that work has taken lately. Thread safe, as
+  // all of these.
   bool TryAdd(Work work);
-  // What was admitted before goes on behind all that waits, so that others have their turn, and
+  // Adds work that was admitted before, behind all that waits, so that others have their turn; it
   // takes the room of none of them.
   void AddAgain(Work work);
 
   bool IsFull() const;
-  size_t NumWaiting() const;  // for the first time
+  size_t NumWaiting() const;  // without AddAgain()
   size_t NumInHand() const;
-  Seconds usual() const;  // time of a piece of work that tells; 0: there was none
+  Seconds usual() const;  // usual time of a piece of work; 0: none is known
   int threads() const { return static_cast<int>(threads_.size()); }
 
  private:
@@ -58,7 +59,7 @@ class WorkQueue {
   mutable std::mutex mutex_;  // guards what follows
   std::condition_variable changed_;
   std::deque<Waiting> waiting_;
-  size_t num_new_ = 0;  // of those that wait
+  size_t num_new_ = 0;  // waiting without AddAgain()
   size_t in_hand_ = 0;
   Seconds usual_ = {};
   bool ends_ = false;
