@@ -40,7 +40,7 @@ void Check(const ColorFlags& flags) {
   flags.references.Check();
   flags.run.Check();
   if (!(flags.max_edge >= 0)) {
-    throw OptionError("--max-edge", fmt::format("{}", flags.max_edge), "must be positive");
+    throw OptionError("--max-edge", fmt::format("{}", flags.max_edge), "must not be negative");
   }
   if (flags.out.extension() != ".ply") {
     throw OptionError("--out", flags.out.string(), "expected a name that ends in .ply");

@@ -176,11 +176,11 @@ std::map<std::string, std::string> ParseParameters(std::string_view target) {
   return parameters;
 }
 
-bool AnswerWatch::IsOver() const { return *is_gone || Clock::now() >= deadline; }
+bool AnswerWatch::IsOver() const { return (is_gone && *is_gone) || Clock::now() >= deadline; }
 
 void AnswerWatch::Check() const {
   if (!IsOver()) return;
-  if (*is_gone) throw Problem(503, "the client has gone");
+  if (is_gone && *is_gone) throw Problem(503, "the client has gone");
   throw TryLater(503, "there was no answer in time");
 }
 

@@ -54,7 +54,7 @@ TEST_F(Color, SaysWhereVerticesAreTooFewAndWhatIsWrong) {
   EXPECT_NE(coarse.err.find("--max-edge"), std::string::npos) << coarse.err;
   EXPECT_TRUE(FailsWith(3, {"sees a vertex", "of one world?"},
                         RunRaylift(Command("mesh:" + scene_.mesh().string() + ",shift=900/0/0"))));
-  EXPECT_TRUE(FailsWith(2, {"--max-edge", "must be positive"},
+  EXPECT_TRUE(FailsWith(2, {"--max-edge", "must not be negative"},
                         RunRaylift(Command(scene_.mesh()) + Arguments{"--max-edge=-1"})));
   EXPECT_TRUE(FailsWith(2, {"--max-edge", "triangles"},
                         RunRaylift(Command(scene_.mesh()) + Arguments{"--max-edge", "1e-5"})));

@@ -384,7 +384,7 @@ double OfOwnDepths(double by_depths, double scale_holds, const DepthScale& scale
 }
 
 // Returns the probability by two independent witnesses that agree: the product of their odds.
-double OddsOfBoth(double a, double b) {
+double ProbabilityOfBoth(double a, double b) {
   constexpr double kLeast = 1e-12;
   const auto odds = [&](double p) {
     p = std::clamp(p, kLeast, 1 - kLeast);
@@ -448,8 +448,8 @@ double ProbabilityOfDistance(const NormalizedProblem& problem, const CamFromLoca
       std::min(scale.ProbabilityWithin(line.right_within / line.length), found.ShareOfDepths());
   // The distance is right by luck if neither tells it.
   const double neither = (1 - of_others.OverChance(0, clustering)) * (1 - scale_holds);
-  return std::min(1 - neither,
-                  OddsOfBoth(others, OfOwnDepths(by_depths, scale_holds, scale, others == 0.5)));
+  return std::min(1 - neither, ProbabilityOfBoth(others, OfOwnDepths(by_depths, scale_holds, scale,
+                                                                     others == 0.5)));
 }
 
 bool DepthsAgreeUpToFactor(const NormalizedProblem& problem, const CamFromLocal& pose,
