@@ -22,7 +22,8 @@ std::string Names(std::span<const std::string_view> names) {
   return fmt::format("{}{}", fmt::join(first, ", "), names.size() > kMost ? ", ..." : "");
 }
 
-// Beyond three deviations of the others' factors, and on less than half of the others' matches.
+// Returns the maps whose factors are beyond three deviations of the others' and rest on less than
+// half of the others' matches.
 std::vector<const MapAlignment*> DoubtfulFactors(const DepthAlignment& alignment) {
   std::vector<double> log_factors, counts;
   for (const MapAlignment& map : alignment.maps) {

@@ -13,7 +13,7 @@
 namespace raylift {
 namespace {
 
-// A point's error in another reference.
+// The reprojection error of a point in another reference.
 struct PointError : EpipolarError {
   size_t point;
 };
@@ -55,7 +55,7 @@ double OutlierRange(std::span<const PosedImage> references) {
   return 0.5 * width_px;
 }
 
-// The views' estimate of one point's log depth, in units of the deviations.
+// The estimate of one point's log depth by its views, in units of the deviations.
 struct DepthEvidence {
   double precision = 0;
   double weighted_sum = 0;
@@ -158,7 +158,7 @@ size_t CountAgreeing(std::span<const ViewError> views, double threshold_px) {
 // monocular depth is above 3.5.
 constexpr double kAccurateGeometry = 2.3;
 
-// A point's expected error may be this many deviations of the keypoints.
+// Points whose expected error is at most this many deviations of the keypoints are kept.
 constexpr double kTrustedError = 1.5;
 
 FilterResult KeepAll(size_t num_points) {
@@ -171,7 +171,7 @@ bool IsAccurate(const MultiViewNoise& noise) {
   return noise.geometry_px <= kAccurateGeometry * noise.keypoints_px;
 }
 
-// An estimator can do without points where there are matches with two references.
+// Returns whether there are matches with two references: an estimator can then do without points.
 bool SeveralReferences(std::span<const Match2D2D> matches) {
   return std::any_of(matches.begin(), matches.end(), [&](const Match2D2D& match) {
     return match.reference != matches.front().reference;
@@ -209,7 +209,7 @@ void KeepBest(const MultiViewTrust& trust, size_t count, FilterResult& result) {
   }
 }
 
-// The points that the thresholds keep.
+// Returns the points that the thresholds keep.
 FilterResult FilterByConsistency(std::span<const PosedImage> references,
                                  std::span<const Match2D2D> matches_2d2d,
                                  std::span<const Match2D3D> points,
@@ -236,7 +236,7 @@ FilterResult FilterByConsistency(std::span<const PosedImage> references,
   return result;
 }
 
-// The points that kAuto keeps.
+// Returns the points that kAuto keeps.
 FilterResult FilterByTrust(std::span<const PosedImage> references,
                            std::span<const Match2D2D> matches_2d2d,
                            std::span<const Match2D3D> points, const FilterOptions& options) {

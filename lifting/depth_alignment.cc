@@ -45,18 +45,18 @@ double RobustLogFactor(const std::vector<DepthObservation>& observations) {
 
 // Matches farther than this from the epipolar line are wrong and not used.
 constexpr double kEpipolarThresholdPx = 3;
-// A map with fewer matches takes the factor that is likely by the others.
+// A map with fewer matches takes the factor that the other maps make likely.
 constexpr size_t kMinMatches = 10;
 constexpr std::array kModes = {AlignMode::kOff, AlignMode::kScale, AlignMode::kAffine,
                                AlignMode::kGrid};
 
-// Each mode leaves a loss of a group of matches: the sum of Cauchy's losses.
+// The loss of a group of matches under each mode: the sum of Cauchy's losses.
 using Losses = std::array<double, kModes.size()>;
 
-// What one half of the groups of matches says of a map corrects the other half, and the other way
-// around. Groups are of the other references, as all matches with one may be wrong together, of a
-// place that looks alike; with one other reference alone of places of the map, as matches of one
-// place are not independent. Returns the losses of each group.
+// Corrects one half of the groups of matches by a fit to the other half, and the other way around.
+// Groups are of the other references, as all matches with one may be wrong together, of a place
+// that looks alike; with one other reference alone of places of the map, as matches of one place
+// are not independent. Returns the losses of each group.
 std::vector<Losses> HeldOutLosses(const std::vector<DepthObservation>& observations,
                                   const Camera& camera) {
   // A match that is farther off is rather wrong, and as wrong as any: where Cauchy's density
@@ -140,7 +140,7 @@ AlignMode ChooseMode(const std::vector<std::vector<DepthObservation>>& observati
   return kModes[mode];
 }
 
-// What the matches say of the maps' factors.
+// Returns what the matches tell of the maps' factors.
 FactorBeliefs BeliefsOf(const std::vector<std::vector<DepthObservation>>& observations,
                         std::span<const PosedImage> references, int threads) {
   std::vector<MapMatches> maps(observations.size());
@@ -156,7 +156,7 @@ FactorBeliefs BeliefsOf(const std::vector<std::vector<DepthObservation>>& observ
       }
     }
   }
-  // What poses and pixels are known to at best.
+  // The least noise of poses and pixels.
   constexpr double kLeastNoisePx = 0.25;
   const double noise_px =
       std::max(kLeastNoisePx, kSigmaPerMad * UpperMedianOr(std::move(epipolar_px), 0));
@@ -200,7 +200,7 @@ double MedianLogFactor(std::span<const MapAlignment> maps) {
   return UpperMedianOr(std::move(means), 0);
 }
 
-// The first mode that predicts as well as any, but none where no map needs a factor.
+// Returns the first mode that predicts as well as any; kOff where no map needs a factor.
 AlignMode ModeOf(const std::vector<std::vector<DepthObservation>>& observations,
                  const FactorBeliefs& beliefs, std::span<const PosedImage> references,
                  AlignMode mode, int threads) {
@@ -215,7 +215,8 @@ double MedianOfAll(const std::vector<std::vector<double>>& lists) {
   return UpperMedianOr(std::move(all), 0);
 }
 
-// The cell and the place in it, of a coordinate in [0, extent] over nodes from end to end.
+// The cell of a grid and the position in it, for a coordinate in [0, extent] over nodes from end to
+// end.
 struct GridCoordinate {
   int cell;
   double fraction;

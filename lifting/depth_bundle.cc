@@ -21,7 +21,7 @@ using std::filesystem::path;
 constexpr std::string_view kNpy = ".npy";
 constexpr uint64_t kPointSize = 3;
 
-// The arrays beside those of an NPY are the files beside it.
+// Reads arrays by name; those of an NPY are the files beside it.
 class Arrays {
  public:
   explicit Arrays(const path& file) : file_(file), is_npy_(file.extension() == kNpy), own_(file) {}

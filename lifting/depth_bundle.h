@@ -20,8 +20,8 @@ namespace raylift {
 
 class DepthBundle {
  public:
-  // Reads the file's arrays. InputError naming file and array where one is absent or of a shape
-  // that the convention does not mean.
+  // Reads the file's arrays. Throws InputError naming file and array where one is absent or of a
+  // shape that the convention does not mean.
   DepthBundle(const std::filesystem::path& file, const DepthConvention& convention);
 
   const std::filesystem::path& file() const { return file_; }
@@ -34,21 +34,21 @@ class DepthBundle {
   // there.
   const std::string& without_confidences() const { return without_confidences_; }
 
-  // InputError where points lie along the rays of their pixels in another frame than that which
-  // they are said to be in.
+  // Throws InputError where points lie along the rays of their pixels in another frame than the
+  // stated one.
   void CheckPoints(const PosedImage& image) const;
 
-  // What the poses say of the scale of the maps.
+  // The scale of the maps by their poses.
   struct Scale {
     double factor = 1;       // to scene units
     std::string found = {};  // a clause
     std::vector<std::string> warnings = {};
   };
-  // Aligns the poses of these images to their own. A factor of 1 where there are no poses or they
+  // Aligns the poses of these images to their own. The factor is 1 where there are no poses or they
   // do not agree.
   Scale FindScale(std::span<const PosedImage> images) const;
 
-  // "24 maps of float32 504 x 378"
+  // Returns "24 maps of float32 504 x 378".
   std::string Description() const;
 
  private:
@@ -57,7 +57,7 @@ class DepthBundle {
   PointTransform CamFromPoints(const PosedImage& image, PointFrame frame,
                                PoseConvention poses) const;
   StoredDepth Slice(const NpyArray<float>& array, const std::string& name) const;
-  // The pose of an image as the convention takes it.
+  // Returns the pose of an image in the stated convention.
   Rigid3 PoseOf(const std::string& image_name, PoseConvention convention) const;
 
   std::filesystem::path file_;

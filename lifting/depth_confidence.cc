@@ -27,7 +27,7 @@ struct Observation : EpipolarError {
 };
 using Observations = std::vector<std::vector<Observation>>;  // by reference
 
-// The confidence of the map's sample that is nearest to a pixel.
+// Returns the confidence of the map's sample that is nearest to a pixel.
 double ConfidenceAt(const DepthMap& confidences, const Camera& camera,
                     const Eigen::Vector2d& pixel) {
   const auto place = [](double at, int size_px, int map_px) {
@@ -45,7 +45,8 @@ std::optional<EpipolarError> ErrorAt(const DepthObservation& seen, double z) {
                      projection->jacobian * (seen.line_in_other.direction * z));
 }
 
-// The half of the map's places that a pixel is in: as the squares of a chessboard.
+// Returns the half of the map's places that a pixel is in: places alternate as the squares of a
+// chessboard.
 size_t HalfOf(const Eigen::Vector2d& pixel, const Camera& camera) {
   const int place = PlaceOf(pixel, camera);
   return static_cast<size_t>(place / kPlacesPerSide + place % kPlacesPerSide) % 2;
@@ -66,7 +67,7 @@ std::array<DepthCorrection, 2> HeldOutCorrections(const std::vector<DepthObserva
   return {fit(shown[0]), fit(shown[1])};
 }
 
-// Those of one map, but of many some, evenly spread.
+// Returns the observations of one map; of many, some that are evenly spread.
 std::vector<Observation> ObserveMap(const std::vector<DepthObservation>& seen,
                                     const DepthMap& confidences, const Camera& camera,
                                     const std::array<DepthCorrection, 2>& corrections) {
@@ -132,7 +133,7 @@ double SigmaOf(size_t level) {
   return std::pow(10, -4 * (1 - static_cast<double>(level) / (kNumSigmas - 1)));
 }
 
-// A log likelihood of each bin's observations for each sigma.
+// The log likelihood of each bin's observations for each sigma.
 using Table = std::vector<std::array<double, kNumSigmas>>;
 
 void Add(const Table& table, double factor, Table& sum) {
@@ -141,7 +142,7 @@ void Add(const Table& table, double factor, Table& sum) {
   }
 }
 
-// Of the bins, a sigma's index each.
+// The index of a sigma for each bin.
 struct Levels {
   std::vector<size_t> of_bin;
   double likelihood = 0;
@@ -156,10 +157,10 @@ Levels SameForAll(const Table& table) {
   return {std::vector<size_t>(table.size(), static_cast<size_t>(best - sum.begin())), *best};
 }
 
-// The likeliest levels that never rise, by dynamic programming.
+// Returns the likeliest levels that never rise, by dynamic programming.
 Levels Falling(const Table& table) {
-  // Of the bins so far, if the last one has this level or a lower one: the most, and whose level
-  // that is.
+  // For the bins so far, if the last one has this level or a lower one: the largest likelihood, and
+  // the index of that level.
   std::vector<std::array<size_t, kNumSigmas>> chosen(table.size());
   std::array<double, kNumSigmas> most{};
   for (size_t bin = table.size(); bin-- > 0;) {
@@ -190,8 +191,8 @@ Levels Monotone(const Table& table) {
   return rising;
 }
 
-// The least sigma that a bin's n observations tell from none: it adds to their variance as much as
-// that varies by chance, sqrt(2 / n) of it.
+// Returns the least sigma that a bin's n observations distinguish from zero: it adds to their
+// variance as much as that varies by chance, sqrt(2 / n) of it.
 double LeastSigma(const Observations& observations, size_t num_bins, double noise_px) {
   std::vector<double> gains;
   for (const auto& of_map : observations) {
@@ -272,7 +273,7 @@ class Likelihood {
   int threads_;
 };
 
-// The likelihood of each map by what the others say.
+// Returns the likelihood of each map by the fit to the others.
 std::vector<double> HeldOut(const Likelihood::Fit& fit, Levels (*choose)(const Table&)) {
   std::vector<double> values;
   for (const Table& own : fit.of_map) {
@@ -286,7 +287,7 @@ std::vector<double> HeldOut(const Likelihood::Fit& fit, Levels (*choose)(const T
   return values;
 }
 
-// Without those between two that are equal to them.
+// Returns the knots without those between two that are equal to them.
 std::vector<ConfidenceWorth::Knot> KnotsOf(const Levels& levels,
                                            const std::vector<double>& confidences,
                                            const Likelihood& likelihood) {

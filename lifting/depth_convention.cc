@@ -34,7 +34,8 @@ DepthConvention Metric3d() {
   return {.unit = 1, .patterns = {"{dir}/{stem}.npy", "{name}.npy", "{stem}.npy"}};
 }
 
-// The sensor's, or the ones rendered into the color camera for DSAC*, which hloc uses.
+// Returns the convention of the sensor's maps, or of those rendered into the color camera for
+// DSAC*, which hloc uses.
 DepthConvention SevenScenes() {
   return {.unit = kMillimeter,
           .invalid_values = {65535},
@@ -42,7 +43,8 @@ DepthConvention SevenScenes() {
           .patterns = {"{flat7}.pose.depth.tiff", "{dir}/{base}.depth.png"}};
 }
 
-// The depth camera's own, which stands beside the one of the photographs.
+// Returns the convention of the depth camera's own maps, which stands beside the camera of the
+// photographs.
 DepthConvention SevenScenesSensor() {
   DepthConvention convention = SevenScenes();
   convention.patterns = {"{dir}/{base}.depth.png"};
@@ -187,7 +189,7 @@ constexpr std::array<Preset, 19> kPresets = {{{"colmap", &Colmap},
                                               {"unidepth", &UniDepth},
                                               {"depthpro", &DepthPro}}};
 
-// The stored depth in scene units, 0 where it means none.
+// Reads the stored depth in scene units, 0 where it means none.
 class ValueReader {
  public:
   ValueReader(const StoredDepth& stored, const DepthConvention& convention)
@@ -359,7 +361,7 @@ namespace {
 
 constexpr double kMaxJump = 0.05;
 
-// A sample of the sensor's map in the photograph.
+// The position in the photograph of a sample of the sensor's map.
 struct Corner {
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
   double z = 0;  // 0: none

@@ -1,5 +1,5 @@
-// Conversion of stored depth to DepthMap: patterns of file names, presets, orientation, the part
-// of the image, units, and the registration of a sensor's map to the photograph.
+// Converts stored depth to DepthMap: patterns of file names, presets, orientation, the part of the
+// image, units, and the registration of a sensor's map to the photograph.
 
 #pragma once
 
@@ -21,18 +21,19 @@ namespace raylift {
 std::optional<DepthConvention> DepthPreset(std::string_view name);
 std::string DepthPresetNames();  // "colmap|nerfstudio|..."
 
-// The file that a pattern means, before {time} is looked up. {index} stays where there is none.
+// Returns the file that a pattern means, before {time} is looked up. {index} stays where there is
+// no index.
 std::string ExpandPattern(std::string_view pattern, std::string_view image_name,
                           std::optional<size_t> index = std::nullopt);
 
-// The z component of the unit ray through each pixel's center (of a panorama, whose depth is the
-// distance: 1); 0 where there is no ray.
+// Returns the z component of the unit ray through each pixel's center (for a panorama, whose depth
+// is the distance, 1); 0 where there is no ray.
 std::vector<float> RayZOfPixels(const Camera& camera);
 
 // Returns what a stored 1 is in scene units (of kInverse: 1 / scene units), the scale included.
 double StoredUnit(const StoredDepth& stored, const DepthConvention& convention);
 
-// The samples as they lie in the image.
+// Returns the samples in the order of the image.
 StoredDepth Oriented(StoredDepth stored, MapOrientation orientation);
 
 // Returns the map on the whole photograph: 0 where it has no samples, and without those beyond it.
@@ -40,17 +41,17 @@ StoredDepth Oriented(StoredDepth stored, MapOrientation orientation);
 StoredDepth OnWholeImage(StoredDepth map, MapFit fit, PlaneSize image,
                          const std::filesystem::path& file_for_messages);
 
-// The map in our convention, for an image with this camera (of any resolution: the intrinsics are
-// scaled by the ratio of the sizes). `ray_z` may hold RayZOfPixels of the scaled camera, else it is
-// computed where it is needed. `confidence` (may be null) may be of another size. Both
-// are already oriented. With a sensor the camera is its own first, and `ray_z` the sensor's.
+// Returns the map in our convention, for an image with this camera (of any resolution: the
+// intrinsics are scaled by the ratio of the sizes). `ray_z` may hold RayZOfPixels of the scaled
+// camera, else it is computed where it is needed. `confidence` (may be null) may be of another
+// size. Both are already oriented. With a sensor the camera is its own first, and `ray_z` the
+// sensor's.
 DepthMap ToDepthMap(const StoredDepth& stored, const Camera& camera,
                     const DepthConvention& convention, const StoredDepth* confidence = nullptr,
                     std::span<const float> ray_z = {});
 
-// Depth of a sensor that stands beside the photograph's camera, as the photograph's camera would
-// see it. Where both are taken for one, every point is off by their distance and by the ratio of
-// their focal lengths.
+// Warps the depth of a sensor beside the photograph's camera into that camera. Without this every
+// point would be off by the cameras' distance and the ratio of their focal lengths.
 //
 // The sensor's map seen by `image`, of its size. Neighbors in the map span triangles, so planes
 // stay planes, unless their depths jump by more than 5 %; the nearest surface counts.

@@ -1,4 +1,4 @@
-// The correction of one map by the matches of its keypoints in other images.
+// Fits the correction of one map by the matches of its keypoints in other images.
 
 #pragma once
 
@@ -15,7 +15,7 @@
 
 namespace raylift {
 
-// Residuals are weighed by Cauchy's loss of this width.
+// The width of Cauchy's loss of the residuals.
 inline constexpr double kLossWidthPx = 2;
 
 // A keypoint of a map and its match in another image.
@@ -29,19 +29,19 @@ struct DepthObservation {
   Eigen::Vector2d other_px;
 };
 
-// Returns the matches of a map's keypoints that have depth, up to so many pixels from their epipolar
-// lines.
+// Returns the matches of a map's keypoints that have depth, up to so many pixels from their
+// epipolar lines.
 std::vector<DepthObservation> ObserveDepth(const GeometrySource& source,
                                            std::span<const PosedImage> references,
                                            const PosedImage& map,
                                            const std::vector<HalfMatch>& matches,
                                            double max_epipolar_px);
 
-// A map's log factor before a fit, and how surely it is known.
+// A map's log factor before a fit, with its standard deviation.
 struct KnownFactor {
   double log_factor;
   double sigma;
-  // Neighboring matches are no further evidence: so many times as many there are as independent.
+  // The number of neighboring matches that count as one that is independent.
   double repeats;
 };
 

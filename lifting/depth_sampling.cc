@@ -80,7 +80,7 @@ class Neighborhood {
   double max_jump_;
 };
 
-// The 1/z at an offset from the pixel's center, each component within half a pixel.
+// Returns the 1/z at an offset from the pixel's center, each component within half a pixel.
 double Interpolate(const Neighborhood& near, const Eigen::Vector2d& offset,
                    const Eigen::Vector2d& slope) {
   const Offset h{offset.x() < 0 ? -1 : 1, 0};
@@ -154,8 +154,8 @@ Eigen::Vector3d AtDepth(const Camera& camera, const Eigen::Vector3d& ray_in_cam,
   return ray_in_cam * (depth / camera.DepthOf(ray_in_cam));
 }
 
-// The normal of the surface's local plane in the camera's frame, turned toward it; none where the
-// plane is not known.
+// Returns the normal of the surface's local plane in the camera's frame, turned toward the camera;
+// nullopt where the plane is not known.
 std::optional<Eigen::Vector3d> NormalInCam(const Camera& camera, const Eigen::Vector2d& pixel,
                                            const Eigen::Vector2d& image_px_per_map_px,
                                            const DepthSample& sample,

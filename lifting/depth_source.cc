@@ -203,7 +203,8 @@ struct DepthFolder::Impl {
     return bundle ? bundle->Has(name) : files.contains(name);
   }
 
-  // Finds a file for each reference and returns their pattern. InputError where there are none.
+  // Finds a file for each reference and returns their pattern. Throws InputError where there are
+  // none.
   std::string FindMaps(std::span<const PosedImage> references) {
     const std::vector<std::string>& bundles = convention.bundle.files;
     const std::vector<std::string> patterns =
@@ -217,7 +218,7 @@ struct DepthFolder::Impl {
                     references.size(), fmt::join(patterns.empty() ? bundles : patterns, ", ")));
   }
 
-  // Takes all maps from one file and returns what its poses say of their scale. InputError where it
+  // Takes all maps from one file and returns their scale by its poses. Throws InputError where it
   // has no map of a reference.
   DepthBundle::Scale OpenBundle(const path& file, std::span<const PosedImage> references) {
     bundle.emplace(file, convention);
@@ -385,7 +386,7 @@ DepthFolder::DepthFolder(path folder, DepthConvention convention,
         (!layout.names_file.empty() || layout.points || !layout.poses.empty())) {
       throw InputError(impl_->folder, "names, points and poses are keys of maps that are one file");
     }
-    // Those that a preset knows, and nobody asked for, are in that file, too.
+    // Confidences that a preset expects, and nobody asked for, are in the bundle, too.
     if (!layout.files.empty() && !impl_->convention.confidence_threshold) {
       impl_->convention.confidence_pattern.clear();
     }

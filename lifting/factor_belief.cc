@@ -18,8 +18,8 @@ namespace {
 
 // Factors nearer to each other than this are one: a fit tells them apart, not a belief.
 constexpr double kNodeStep = 0.01;
-// Of patches and of pairs that are wrong together, before anything is known of them: as look-alike
-// places make some where a scene repeats itself. A tenth of these changes a bound by 2.3.
+// Prior shares of patches and of pairs whose matches are wrong together, as look-alike places make
+// some where a scene repeats itself. A tenth of these changes a bound by 2.3.
 constexpr double kWrongPatches = 0.1;
 constexpr double kWrongPairs = 0.02;
 constexpr std::array kRightShares = {0.1, 0.5, 0.9};
@@ -40,7 +40,8 @@ double LogMeanExp(std::span<const double> values) {
   return LogSumExp(values) - std::log(static_cast<double>(values.size()));
 }
 
-// The log factors that are asked: those that matches ask for, but for a few, and none.
+// The log factors at which likelihoods are evaluated: those that matches imply, but for a few, and
+// 0.
 class Nodes {
  public:
   explicit Nodes(std::span<const MapMatches> maps) {
@@ -66,7 +67,7 @@ class Nodes {
   size_t count_;
 };
 
-// What one reference says of one patch.
+// The matches of one patch with one reference.
 struct PatchMatches {
   int other;
   std::vector<FactorMatch> of_places;
@@ -155,7 +156,7 @@ Curve OfPatch(const PatchMatches& patch, double extent_px, const Nodes& nodes, c
   return Smoothed(curve, noise.depth);
 }
 
-// What is wrong together with a probability, or else right.
+// A mixture: matches are wrong together with a probability, or else right.
 struct Mixture {
   double wrong_share;
   double Right(double at_node) const { return std::log(1 - wrong_share) + at_node; }
@@ -189,7 +190,7 @@ MapCurves OfMap(std::span<const PatchMatches> patches, double extent_px, const N
   return curves;
 }
 
-// Of all maps: ln p(matches | m, o), for each spread o and node m.
+// For all maps: ln p(matches | m, o), for each spread o and node m.
 using Evidence = std::array<Curve, kSpreads.size()>;
 
 Evidence EvidenceOf(const Curve& map) {
@@ -228,7 +229,7 @@ bool AllRight(const Evidence& evidence, const Nodes& nodes) {
   return evidence.front()[nodes.Zero()] >= some;
 }
 
-// The quantiles of what is known of a log factor.
+// Computes quantiles of the belief in a log factor.
 class Quantiles {
  public:
   Quantiles(const Curve& curve, const Nodes& nodes) : nodes_(nodes) {
@@ -254,7 +255,7 @@ class Quantiles {
 
 FactorBelief Believe(std::span<const PatchMatches> patches, const MapCurves& curves,
                      const Curve& prediction, double depth_noise, const Nodes& nodes) {
-  // What the map's own matches leave unsure must be less than half of what the others do.
+  // The sigma with the map's own matches must be less than this share of that by the other maps.
   constexpr double kOwnSigma = 0.5;
   Curve posterior = prediction;
   for (size_t n = 0; n < posterior.size(); ++n) posterior[n] += curves.all[n];

@@ -1,5 +1,5 @@
-// By which factor each map's depth is off, how surely the matches between references tell, and what
-// the scene's other maps make likely where they do not.
+// Estimates the factor by which each map's depth is off, and its uncertainty, from the matches
+// between references, and where these do not determine it, from the scene's other maps.
 //
 // Where the rays of a match meet says that the map's depth is off by r = ln(z met / z). If the log
 // factor is a, the match lies d = g (1 - e^(r - a)) pixels from where the map has it, g being the
@@ -57,7 +57,8 @@ struct FactorBelief {
   double log_factor = 0;  // median, and deviation by the quartiles
   double sigma = 0;
   size_t num_independent = 0;  // matches that show different places and are not misled
-  // The map's own matches say more than the other maps do, or as much as its places have in common.
+  // The map's own matches determine its factor better than the other maps do, or as well as its
+  // places agree.
   bool is_own = false;
   std::vector<int> misled;  // references whose matches are rather wrong together
 };
@@ -67,7 +68,7 @@ struct FactorBeliefs {
   bool all_right = true;  // the matches are as likely if no map has a factor
 };
 
-// `keypoint_sigma_px` is the noise of matches across the epipolar lines.
+// Estimates the factors. `keypoint_sigma_px` is the noise of matches across the epipolar lines.
 FactorBeliefs BelieveFactors(std::span<const MapMatches> maps, double keypoint_sigma_px,
                              int threads);
 

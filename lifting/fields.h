@@ -1,4 +1,4 @@
-// The filter's and the candidates' options, and the filter's counts, as fields.
+// Lists the filter's and the candidates' options, and the filter's counts, as fields.
 
 #pragma once
 
@@ -12,7 +12,7 @@
 namespace raylift {
 
 std::vector<Field> FieldsOf(ConsistencyThresholds& thresholds);
-// The mode and the thresholds.
+// Returns the mode and the thresholds.
 std::vector<Field> FieldsOf(FilterOptions& options);
 std::vector<Field> FieldsOf(CandidateOptions& options);
 std::vector<Field> FieldsOf(FilterCounts& counts);

@@ -1,4 +1,4 @@
-// Where poses in a frame and scale of their own lie in the world.
+// Aligns poses in a frame and scale of their own to the world.
 
 #pragma once
 

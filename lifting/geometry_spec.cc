@@ -186,7 +186,7 @@ DepthConvention TakeConvention(SpecKeys& keys, const GeometryContext& context) {
   convention.bundle.poses = keys.Take("poses").value_or(convention.bundle.poses);
   convention.bundle.pose_convention =
       keys.TakeNamed<PoseConvention>("poses_are").value_or(convention.bundle.pose_convention);
-  // What the confidences that a preset knows mean is learned.
+  // The meaning of the confidences that a preset knows is learned.
   if (!convention.confidence_pattern.empty()) convention.confidence_threshold.reset();
   if (auto pattern = keys.Take("confidence")) {
     convention.confidence_pattern = std::move(*pattern);
@@ -276,7 +276,7 @@ std::optional<DepthMap> NamedGeometry::MapOf(const PosedImage& image) const {
 std::string GeometrySpecOf(const std::string& text) {
   const std::string path = text.substr(0, text.find(','));
   if (path.find_first_of(":=") != std::string::npos) return text;
-  // Of a PLY, which may hold anything, a mesh is the most usual.
+  // A PLY may hold anything; a mesh is the most usual.
   if (IsMeshFileName(path)) return "mesh:" + text;
   const std::string extension = LowerExtension(path);
   if (extension == ".json") return "mesh:" + text;

@@ -17,7 +17,8 @@
 namespace raylift {
 namespace {
 
-// One per match; none where the source has no surface, or where the match was not asked for.
+// One point per match; nullopt where the source has no surface, or where the match was not asked
+// for.
 using PointPerMatch = std::vector<std::optional<SurfacePoint>>;
 
 std::vector<std::vector<size_t>> GroupByReference(std::span<const Match2D2D> matches,
@@ -215,7 +216,7 @@ struct RefinedPoint {
   bool refined;
 };
 
-// One for each query keypoint of the candidates.
+// Returns the best point of each query keypoint, refined.
 std::vector<RefinedPoint> RefineBest(std::span<const PosedImage> references,
                                      std::span<const Match2D2D> matches_2d2d,
                                      std::span<const Match2D3D> candidates,
@@ -247,8 +248,8 @@ struct KeypointRay {
   SightLine line_in_world;  // of unit direction
 };
 
-// Halfway between the rays where they are closest; none where they meet at less than the angle or
-// behind a camera.
+// Returns the point halfway between the rays where they are closest; nullopt where they meet at
+// less than the angle or behind a camera.
 std::optional<Eigen::Vector3d> Midpoint(const KeypointRay& a, const KeypointRay& b,
                                         double min_angle_deg) {
   const double cosine = a.line_in_world.direction.dot(b.line_in_world.direction);
@@ -273,7 +274,7 @@ std::vector<KeypointRay> RaysOf(std::span<const PosedImage> references,
   return rays;
 }
 
-// The points of pairs of rays; of many pairs, some evenly spread.
+// Returns the points of pairs of rays; for many pairs, of some that are evenly spread.
 std::vector<Eigen::Vector3d> PointsOfPairs(const std::vector<KeypointRay>& rays,
                                            double min_angle_deg) {
   constexpr size_t kMostPairs = 64;

@@ -14,7 +14,8 @@
 namespace raylift {
 namespace {
 
-// The photograph in samples of the map, and where the map begins in it (negative: in the padding).
+// The size of the photograph in samples of the map, and where the map begins in it (negative: in
+// the padding).
 struct Layout {
   PlaneSize image;
   int left = 0;

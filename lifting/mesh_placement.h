@@ -1,4 +1,4 @@
-// Placements of meshes, point clouds and splats: their algebra, names and keys.
+// Algebra, names and keys of the placements of meshes, point clouds and splats.
 
 #pragma once
 
@@ -16,8 +16,8 @@
 
 namespace raylift {
 
-// Applies the right one first. A scale, axes or shift that differ from none by no more than
-// rounding become none.
+// Returns the placement that applies the right one first. A scale, axes or shift that differ from
+// the identity by no more than rounding become the identity.
 MeshPlacement operator*(const MeshPlacement& left, const MeshPlacement& right);
 MeshPlacement Inverse(const MeshPlacement& placement);
 
@@ -34,11 +34,13 @@ std::optional<MeshPlacement> PlacementFromMatrix(std::span<const double> row_maj
 // Says it in words: "the mesh times 0.001, mirrored (its -x/y/z are x/y/z)".
 std::string Describe(const MeshPlacement& placement);
 
-// The keys of mesh:..., cloud:... and splat:... that say it: "scale=0.001,axes=x/-z/y,shift=0/5/0",
-// or "matrix=..." where the axes have no name. Empty where it does nothing.
+// Returns the keys of mesh:..., cloud:... and splat:... for a placement:
+// "scale=0.001,axes=x/-z/y,shift=0/5/0", or "matrix=..." where the axes have no name. Empty for the
+// identity.
 std::string KeysOf(const MeshPlacement& placement);
 
-// Triangles of a mirrored mesh are wound the other way, so that what was in front stays so.
+// Return the surface in the world. Triangles of a mirrored mesh are wound the other way, so that
+// front faces stay in front.
 TriangleMesh Placed(TriangleMesh mesh, const MeshPlacement& placement);
 PointCloud Placed(PointCloud cloud, const MeshPlacement& placement);
 Splats Placed(Splats splats, const MeshPlacement& placement);

@@ -188,14 +188,14 @@ class ReferenceLifter {
 
 constexpr uint32_t kSide = 64;  // cells
 
-// The bits of a number below 2^8, with zeros between them.
+// Returns the bits of a number below 2^8, with zeros between them.
 uint32_t SpreadBits(uint32_t value) {
   value = (value | value << 4) & 0x0f0fu;
   value = (value | value << 2) & 0x3333u;
   return (value | value << 1) & 0x5555u;
 }
 
-// NaN falls into cell 0.
+// Returns the cell of a coordinate; NaN falls into cell 0.
 uint32_t CellAlong(double cells) {
   return cells > 0 ? static_cast<uint32_t>(std::min<double>(cells, kSide - 1)) : 0;
 }

@@ -33,13 +33,13 @@ class SpecKeys {
 
   bool Has(const std::string& key) const { return values_.contains(key); }
 
-  // The value of a key, which then is taken.
+  // Returns the value of a key, and marks the key as taken.
   std::optional<std::string> Take(const std::string& key);
-  // The same, as numbers; OptionError where they are none or below the minimum.
+  // Return it as numbers; throw OptionError where it is none or below the minimum.
   std::optional<double> TakeNumber(const std::string& key, double minimum);
   std::vector<double> TakeNumbers(const std::string& key);  // separated by "/"
 
-  // The same, as the enum's value of that name; OptionError where it has none.
+  // Returns it as the enum's value of that name; throws OptionError where there is none.
   template <NamedEnum Enum>
   std::optional<Enum> TakeNamed(const std::string& key) {
     const auto text = Take(key);
@@ -49,10 +49,10 @@ class SpecKeys {
     return value;
   }
 
-  // The limits that all surfaces have: near, far, max_incidence_deg, max_depth_jump.
+  // Takes the limits that all surfaces have: near, far, max_incidence_deg, max_depth_jump.
   void TakeLimits(SurfaceLimits& limits);
 
-  // OptionError where a key was not taken: `known` says which there are.
+  // Throws OptionError where a key was not taken; `known` lists the keys that there are.
   void ExpectAllTaken(std::string_view known) const;
 
   [[noreturn]] void Fail(std::string_view constraint) const;
@@ -72,8 +72,8 @@ struct MeshSpec {
   bool is_height_field = false;
   std::optional<std::string> orthophotos = std::nullopt;  // of a height field, named likewise
   std::optional<double> level_of_detail = std::nullopt;   // of city models
-  // How the acceleration structure is built, where the specification says it. What is not said is
-  // low for lifting, which casts few rays, and medium for rendering.
+  // The quality of the acceleration structure, where the specification says it. The default is low
+  // for lifting, which casts few rays, and medium for rendering.
   std::optional<RayCasterOptions::BuildQuality> build = std::nullopt;
   MeshPlacement placement = {};
   MeshOptions options = {};  // which points are lifted
@@ -89,7 +89,8 @@ enum class MeshUse {
 // Returns whether it is "mesh:PATH..." or "dsm:FILE...", a height field.
 bool IsMeshSpec(std::string_view spec);
 
-// OptionError where the specification is not one of a mesh, or has an unknown key or value.
+// Parses the specification. Throws OptionError where it is not one of a mesh, or has an unknown key
+// or value.
 MeshSpec ParseMeshSpec(const std::string& spec, MeshUse use);
 
 // Returns whether the mesh may name the system of its coordinates (TriangleMesh::crs).
@@ -106,15 +107,15 @@ std::vector<std::filesystem::path> FilesOf(const MeshSpec& spec);
 TriangleMesh OpenMesh(const MeshSpec& spec, const std::filesystem::path& file, int threads);
 TriangleMesh OpenMesh(const MeshSpec& spec, int threads);
 
-// A point cloud has what a mesh has but for front and back; `surfels` says how discs are made of
-// it.
+// A point cloud has the keys of a mesh except those of front and back; `surfels` says how its discs
+// are made.
 struct CloudSpec : MeshSpec {
   SurfelOptions surfels = {};
 };
 CloudSpec ParseCloudSpec(const std::string& spec, MeshUse use);
 
-// Splats have what a mesh has but for front and back; `depth` says where their surface is taken to
-// be, `transform` what they were trained in.
+// Splats have the keys of a mesh except those of front and back; `depth` says where their surface
+// is taken to be, `transform` names the frame that they were trained in.
 struct SplatSpec : MeshSpec {
   SplatDepth depth = SplatDepth::kMedian;
   // nerfstudio's dataparser_transforms.json, which is undone before the placement: empty for the

@@ -13,8 +13,8 @@
 namespace raylift {
 namespace {
 
-// The matches of each query keypoint by reference; the keypoints in the order of their places in
-// the query, so that every n-th pair is a fair sample of what it shows.
+// Returns the matches of each query keypoint by reference. Keypoints are in the order of their
+// places in the query, so that every n-th pair is an even sample of the image.
 std::vector<std::vector<size_t>> GroupByPlace(std::span<const Match2D2D> matches) {
   const KeypointNumbers keypoints = NumberQueryKeypoints(matches, {});
   auto groups = GroupByKeypoint(keypoints.of_2d2d, keypoints.count);

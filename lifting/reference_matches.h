@@ -17,14 +17,14 @@
 
 namespace raylift {
 
-// A match as one of its two references sees it.
+// One end of a match: the keypoint in one of its two references.
 struct HalfMatch {
   Eigen::Vector2d pixel;
   int other;  // reference
   Eigen::Vector2d other_px;
 };
 
-// Both halves of every match, by the reference that sees them, in the order of the matches.
+// Returns both halves of every match, by the reference of the half, in the order of the matches.
 std::vector<std::vector<HalfMatch>> HalvesByReference(std::span<const ReferenceMatch> matches,
                                                       size_t num_references);
 
@@ -37,7 +37,8 @@ std::optional<SightLine> LineInOther(const PosedImage& map, const Eigen::Vector2
 struct TriangulatedDepth {
   double z;
   Eigen::Vector2d projected_px;  // in the other image
-  // By how much a unit of log z moves the projection: the more, the better the depth is known.
+  // The pixels by which a unit of log z moves the projection: the more, the better the depth is
+  // known.
   double gain_px;
 };
 
@@ -50,8 +51,8 @@ std::optional<TriangulatedDepth> TriangulateDepth(const SightLine& line_in_other
 // others, from wrong matches, are anywhere within the range: by expectation maximization.
 double DeviationAmongOutliers(const std::vector<double>& errors_px, double range_px);
 
-// The error of a projection by the line on which depth moves it: wrong depth adds to the part along
-// the line alone.
+// The error of a projection by the line on which depth moves it: wrong depth adds only to the part
+// along the line.
 struct EpipolarError {
   double along_px;
   double across_px;
@@ -62,32 +63,32 @@ struct EpipolarError {
 std::optional<EpipolarError> SplitByLine(const Eigen::Vector2d& error_px,
                                          const Eigen::Vector2d& motion_px);
 
-// Agreement of the references on lifted points: a query keypoint that was matched with several
-// references has a lifted point from each of them, and every one of these points should project
-// onto the matched keypoint of all the others.
+// Tests the agreement of the references on lifted points: a query keypoint that was matched with
+// several references has a lifted point from each of them, and every one of these points should
+// project onto the matched keypoint of all the others.
 
-// A lifted point as one reference that observes its query keypoint sees it.
+// The error of a lifted point in one reference that observes its query keypoint.
 struct ViewError {
   int reference;
   bool own;  // the point was lifted from this reference: it agrees trivially
-  // The keypoint matched in this reference (where the query keypoint is matched with several of
-  // its keypoints, the one nearest to the projection), and where the point projects relative to
-  // it; none where it is behind the reference or outside its lens model's domain.
+  // The keypoint matched in this reference (where the query keypoint is matched with several of its
+  // keypoints, the one nearest to the projection), and the projection of the point relative to it;
+  // nullopt where it is behind the reference or outside its lens model's domain.
   Eigen::Vector2d reference_px;
   std::optional<Eigen::Vector2d> error_px;
 };
 
-// The views of all points of a query, point by point.
+// Computes the errors of all points of a query in all references that observe them.
 class MultiViewErrors {
  public:
-  // All points' query keypoints should occur in `matches_2d2d` (keypoints.h says which keypoint a
-  // match is of); a point of another keypoint has no views.
+  // The points' query keypoints should occur in `matches_2d2d` (keypoints.h identifies keypoints);
+  // a point of another keypoint has no views.
   MultiViewErrors(std::span<const PosedImage> references, std::span<const Match2D2D> matches_2d2d,
                   std::span<const Match2D3D> points);
 
   size_t num_points() const { return first_view_.size() - 1; }
 
-  // One for each reference that observes the point's query keypoint, by reference.
+  // Returns an error for each reference that observes the point's query keypoint, by reference.
   std::span<const ViewError> ViewsOf(size_t point) const {
     return std::span(views_).subspan(first_view_[point],
                                      first_view_[point + 1] - first_view_[point]);

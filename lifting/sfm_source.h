@@ -1,5 +1,5 @@
-// The points of a COLMAP model as a source of geometry: a reference's keypoint shows the 3D point
-// that the model's own keypoint there was triangulated to. Sparse, and as exact as the model.
+// Lifts by the points of a COLMAP model: a reference's keypoint shows the 3D point that the model's
+// own keypoint there was triangulated to. The points are sparse, and as exact as the model.
 
 #pragma once
 
@@ -18,15 +18,15 @@ struct SfmOptions {
   // Features that are not the model's own take the nearest of its keypoints with a 3D point within
   // this radius; 0: none.
   double radius_px = 2;
-  // Points that fewer images observe, or whose mean reprojection error is larger, are not there.
+  // Points that fewer images observe, or whose mean reprojection error is larger, are not used.
   size_t min_track_length = 0;
   double max_error_px = std::numeric_limits<double>::infinity();
   SurfaceLimits limits = {};  // the surface around a point is not known: depth alone counts
 };
 
-// A keypoint that coincides with one of the model's is that one: where it has no 3D point, there is
-// none, however close its neighbors are. Where several coincide (one place, several orientations)
-// the 3D point of the longest track is taken.
+// A keypoint that coincides with one of the model's is taken for that one: where it has no 3D
+// point, there is none, however close its neighbors are. Where several coincide (one place, several
+// orientations) the 3D point of the longest track is taken.
 class SfmSource final : public GeometrySource {
  public:
   // Takes what it needs of the model.

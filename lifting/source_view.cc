@@ -14,7 +14,7 @@ constexpr double kMinIncidenceDeg = 1e-6;
 
 int SparseSide(int side_px, int stride) { return std::max(1, side_px / stride); }
 
-// The pixel center of the whole image that the i-th of a sparse one is.
+// Returns the position in the whole image of the i-th pixel center of a sparse one.
 double SparsePixel(int i, int stride) { return i * stride + (stride - 1) / 2 + 0.5; }
 
 }  // namespace

@@ -1,5 +1,5 @@
-// The arithmetic around a packet of rays, 16 (or 8) lanes at once. The loops are plain; they are
-// compiled for several instruction sets, of which the machine's best runs. All give the same bits.
+// Kernels on the packets of rays, 16 (or 8) lanes at once: plain loops that are compiled for
+// several instruction sets, of which the machine's best runs. All give the same bits.
 
 #pragma once
 
@@ -12,14 +12,14 @@
 
 namespace raylift {
 
-// out = rotation * in for every ray.
+// Computes out = rotation * in for every ray.
 void RotateBlock(const Eigen::Matrix3f& rotation, const RayBlock& in, RayBlock& out);
 
-// out = rotation * (x slope, y slope, 1) for the rays of a pinhole.
+// Computes out = rotation * (x slope, y slope, 1) for the rays of a pinhole.
 void RotateSlopes(const Eigen::Matrix3f& rotation, const PixelRays::Slopes& columns,
                   const PixelRays::Slopes& rows, RayBlock& out);
 
-// out[i] = max(0, ray_t[i] * z[i]) for the 16 rays of a block.
+// Computes out[i] = max(0, ray_t[i] * z[i]) for the 16 rays of a block.
 void DepthOfBlock(const HitBlock& hits, const RayBlock& rays_in_cam, float* out);
 
 // out[i] = ray_t[i] * the length of (x slope, y slope, 1).

@@ -14,7 +14,7 @@ namespace {
 // Planes that are further apart than this many standard deviations are different surfaces.
 constexpr double kSigmas = 3;
 
-// At more oblique angles than this cosine's, a surface is looked for no further along the ray.
+// Surfaces at more oblique angles than this cosine's are searched no further along the ray.
 constexpr double kLeastCosine = 0.2;
 
 double Variance(const Surfels& surfels, uint32_t disc) {
@@ -22,7 +22,7 @@ double Variance(const Surfels& surfels, uint32_t disc) {
   return sigma * sigma;
 }
 
-// Where a ray meets a disc's plane.
+// The point in which a ray meets a disc's plane.
 struct DiscHit {
   double t;
   double cosine;           // of the angle between ray and normal

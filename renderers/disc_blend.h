@@ -1,4 +1,4 @@
-// The surface of a point cloud where a ray meets it, from the discs that the ray passes through.
+// Blends the discs of a point cloud that a ray passes through into one surface.
 
 #pragma once
 
@@ -12,7 +12,7 @@
 
 namespace raylift {
 
-// In the surfels' local coordinates; the direction is unit.
+// A ray in the surfels' local coordinates; the direction is unit.
 struct DiscRay {
   Eigen::Vector3d origin;
   Eigen::Vector3d direction;

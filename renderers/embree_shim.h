@@ -147,7 +147,7 @@ using QueryFlags = RTCIntersectContextFlags;
 constexpr QueryFlags kIncoherent = RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
 #endif
 
-// A query of single rays whose callbacks get at `data`.
+// A query of single rays whose callbacks have access to `data`.
 template <typename Data>
 class Query {
  public:
@@ -179,7 +179,7 @@ class Query {
   }
 
   Data& data() { return shared_.data; }
-  // For callbacks, from what Embree hands to them.
+  // Returns the data for callbacks, from Embree's context.
   static Data& DataOf(QueryContext* context) { return reinterpret_cast<Shared*>(context)->data; }
 
  private:

@@ -50,7 +50,7 @@ EmbreeSurface::Bounds BoundsOf(const std::vector<PackedSplat>& splats) {
   return BoundsOf(box);
 }
 
-// The first of them counts.
+// Keeps the first error.
 void OnError(void* error, RTCError code, const char* message) {
   auto& stored = *static_cast<EmbreeSurface::Error*>(error);
   if (stored.code != RTC_ERROR_NONE) return;
@@ -58,8 +58,8 @@ void OnError(void* error, RTCError code, const char* message) {
   stored.message = message != nullptr ? message : "no text";
 }
 
-// What Embree takes is checked before, so that an unknown error is one of TBB, which could not
-// start a thread.
+// Throws for an error of Embree. What Embree takes is checked before, so that an unknown error is
+// one of TBB, which could not start a thread.
 [[noreturn]] void ThrowError(const EmbreeSurface::Error& error) {
   if (error.code == RTC_ERROR_OUT_OF_MEMORY) throw std::bad_alloc();
   const std::string text =

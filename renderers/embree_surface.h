@@ -36,7 +36,7 @@ struct EmbreeSurface {
                 std::shared_ptr<const Surfels> surfels_in, std::shared_ptr<const Splats> splats_in,
                 SplatDepth splat_depth_in, const RayCasterOptions& options);
 
-  // Rays blend what they meet of discs and splats.
+  // Returns whether the surface consists of discs or splats, which rays blend.
   bool IsBlended() const { return surfels != nullptr || splats != nullptr; }
 
   std::shared_ptr<const TriangleMesh> mesh;

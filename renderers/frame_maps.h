@@ -38,7 +38,7 @@ struct BlockArea {
 
 class FrameMaps {
  public:
-  // All of them must outlive the maps.
+  // All arguments must outlive the maps.
   FrameMaps(const FrameOptions& options, const PixelRays& rays, const Rigid3& cam_from_world,
             Frame& frame)
       : options_(options),
@@ -109,8 +109,8 @@ class FrameMaps {
  private:
   using Values = std::array<float, RayBlock::kSize>;
 
-  // A pinhole's rays have z = 1, so that their ray_t is the depth. A panorama's depth is the
-  // distance.
+  // Returns the depths. A pinhole's rays have z = 1, so that their ray_t is the depth. A panorama's
+  // depth is the distance.
   const float* Depths(const BlockArea& area, const HitBlock& hits, Values& storage) const {
     if (!options_.depth || rays_.is_pinhole() || rays_.is_panorama()) return hits.ray_t.data();
     DepthOfBlock(hits, rays_.Block(area.x0 / kBlockSide, area.y0 / kBlockSide), storage.data());

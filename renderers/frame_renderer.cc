@@ -52,7 +52,7 @@ struct FrameRenderer::Impl {
 
 namespace {
 
-// The colors of a view's pixels, and what its rays see of splats.
+// Computes the colors of a view's pixels, and the rays' looks at splats.
 class ViewColors {
  public:
   // `shader` may be null where no color is asked for.
@@ -166,7 +166,7 @@ class ViewColors {
   Eigen::Matrix3f world_from_cam_float_;
 };
 
-// One view being rendered: fills the maps of its frame.
+// Renders one view: fills the maps of its frame.
 class ViewPass {
  public:
   ViewPass(const RayCaster& caster, const FrameOptions& options, const SurfaceShader* shader,

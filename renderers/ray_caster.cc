@@ -66,7 +66,7 @@ float FloatNear(const LocalRay& ray, double length, double t_near) {
   return static_cast<float>(std::max(0.0, t_near * length - ray.shift));
 }
 
-// The hit with the triangle's plane, in double. `length` is that of the caller's direction.
+// Returns the hit with the triangle's plane, in double. `length` is that of the caller's direction.
 RayHit Refine(const EmbreeSurface& surface, const LocalRay& ray, double length, uint32_t triangle,
               double coarse_t) {
   const auto& [i0, i1, i2] = surface.mesh->triangles[triangle];
@@ -169,7 +169,7 @@ class BlendedCaster {
   embree::VisitState<SplatVisitor> visit_{visitor_};
 };
 
-// Where the rays of a block start: in float, and by how much that is off.
+// The origin of a block's rays in float, and its rounding error.
 struct BlockOrigin {
   Eigen::Vector3d origin;  // relative to the mesh's
   Eigen::Vector3f rounded;
@@ -181,7 +181,7 @@ void MarkGrazing(const std::array<int, kSize>& grazes, size_t begin, HitBlock& h
   for (size_t i = 0; i < kSize; ++i) hits.grazing |= (grazes[i] != 0 ? 1u : 0u) << (begin + i);
 }
 
-// A part of a block as one packet, whose constant fields are set. Returns the number of hits.
+// Casts a part of a block as one packet, whose constant fields are set. Returns the number of hits.
 template <typename Packet, typename Intersect>
 size_t CastPart(const BlockOrigin& from, const RayBlock& rays, size_t begin, Packet& packet,
                 HitBlock& hits, const Intersect& intersect) {

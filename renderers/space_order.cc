@@ -10,7 +10,7 @@
 namespace raylift {
 namespace {
 
-// Every third bit of the result is a bit of the 21 of `value`.
+// Spreads the 21 bits of `value` to every third bit of the result.
 uint64_t Spread(uint64_t value) {
   value &= 0x1fffff;
   value = (value | value << 32) & 0x1f00000000ffff;

@@ -1,4 +1,4 @@
-// An order of points in which neighbors in space are close to each other.
+// Orders points so that neighbors in space are close to each other in memory.
 
 #pragma once
 

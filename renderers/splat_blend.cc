@@ -59,7 +59,7 @@ double DepthOf(SplatDepth depth, double median, double expected, double peak) {
 
 constexpr size_t kMostCoefficients = 16;
 
-// sqrt(numerator / pi), the form of all factors.
+// Returns sqrt(numerator / pi), the form of all factors.
 double RootOverPi(double numerator) { return std::sqrt(numerator / std::numbers::pi); }
 
 // Returns the real spherical harmonics of degrees 0 to 3 at a unit direction, in the order and with
@@ -110,8 +110,9 @@ Eigen::Vector3f ColorFrom(const Splats& splats, size_t index, const Eigen::Vecto
 
 }  // namespace
 
-// A point x of the ellipsoid is mean + sum over axes a of a.length * u[a] * a.direction with |u| =
-// 1; a row of the whitening is an axis over its squared length.
+// Returns half the sides of the ellipsoid's box. A point x of the ellipsoid is mean + sum over axes
+// a of a.length * u[a] * a.direction with |u| = 1; a row of the whitening is an axis over its
+// squared length.
 Eigen::Vector3f PackedSplat::HalfBox() const {
   const Eigen::Matrix3d rows = WhiteningOf(*this);
   Eigen::Vector3d squares = Eigen::Vector3d::Zero();
@@ -136,9 +137,9 @@ std::vector<PackedSplat> PackSplats(const Splats& splats, int threads) {
   return packed;
 }
 
-// In the Gaussian's own round space: o' = W (o - m), d' = W d. The ray is closest to the center at
-// t = -o'.d' / d'.d', at the distance |o' x d'| / |d'|, which stays exact where one axis is so
-// short that o' and d' are large.
+// Works in the Gaussian's own round space: o' = W (o - m), d' = W d. The ray is closest to the
+// center at t = -o'.d' / d'.d', at the distance |o' x d'| / |d'|, which stays exact where one axis
+// is so short that o' and d' are large.
 std::optional<SplatOnRay> MeetSplat(const PackedSplat& splat, uint32_t index, const SplatRay& ray) {
   const Eigen::Matrix3d whitening = WhiteningOf(splat);
   const Eigen::Vector3d origin = whitening * (ray.origin - MeanOf(splat));

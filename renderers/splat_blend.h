@@ -1,4 +1,4 @@
-// The Gaussians that a ray meets, one by one and blended: the equations of splats.h.
+// Finds and blends the Gaussians that a ray meets, by the equations of splats.h.
 
 #pragma once
 
@@ -18,25 +18,26 @@
 
 namespace raylift {
 
-// A Gaussian as rays ask for it: in one line of the cache.
+// A Gaussian for casting rays, in one line of the cache.
 struct alignas(64) PackedSplat {
   std::array<float, 3> mean;
-  // Row by row: from the world about the mean to where the Gaussian is round and of size 1, so that
-  // S = whitening^T whitening.
+  // The matrix, row by row, that maps the world about the mean to where the Gaussian is round and
+  // of size 1, so that S = whitening^T whitening.
   std::array<float, 9> whitening;
   float opacity;
   float reach2;       // the squared distance in sigmas at which alpha is kLeastAlpha
   uint32_t index;     // in the Splats
   uint32_t flattest;  // the row of its shortest axis
 
-  // The box of all points with alpha >= kLeastAlpha: its center is the mean.
+  // Returns half the sides of the box of all points with alpha >= kLeastAlpha; its center is the
+  // mean.
   Eigen::Vector3f HalfBox() const;
 };
 
-// In an order in which neighbors in space are close to each other.
+// Returns the Gaussians in an order in which neighbors in space are close to each other.
 std::vector<PackedSplat> PackSplats(const Splats& splats, int threads);
 
-// In the splats' local coordinates; the direction is unit.
+// A ray in the splats' local coordinates; the direction is unit.
 struct SplatRay {
   Eigen::Vector3d origin;
   Eigen::Vector3d direction;
@@ -67,7 +68,8 @@ struct SplatBlend {
   double transmittance = 1;  // what is left behind all of them
 };
 
-// `met` as SortVisible leaves it. `colors` is empty, or one per Gaussian of the Splats.
+// Blends `met` as SortVisible() leaves it. `colors` is empty, or has one color per Gaussian of the
+// Splats.
 SplatBlend BlendSplats(std::span<const PackedSplat> splats, const SplatRay& ray,
                        std::span<const SplatOnRay> met, SplatDepth depth,
                        std::span<const Eigen::Vector3f> colors);
@@ -78,7 +80,7 @@ class SplatVisitor {
  public:
   explicit SplatVisitor(std::span<const PackedSplat> splats) : splats_(splats) {}
 
-  // Gaussians up to t_near are not there. Embree's ray starts at `shift`.
+  // Begins a ray. Gaussians up to t_near are not there. Embree's ray starts at `shift`.
   void Start(const SplatRay& ray, double t_near, double shift) {
     ray_ = ray;
     t_near_ = t_near;
@@ -88,7 +90,7 @@ class SplatVisitor {
     end_ = std::numeric_limits<float>::infinity();
   }
 
-  // Embree's ray may meet this one; returns where the ray ends from now on.
+  // Takes a Gaussian that Embree's ray may meet; returns where the ray ends from now on.
   float Visit(uint32_t index) {
     const auto met = MeetSplat(splats_[index], index, ray_);
     if (!met || !(met->t > t_near_)) return end_;
@@ -97,7 +99,7 @@ class SplatVisitor {
     return end_;
   }
 
-  // All that count, in order, as BlendSplats takes them.
+  // Returns all Gaussians that count, in the order that BlendSplats() takes.
   std::span<const SplatOnRay> Finish() {
     SortVisible(met_);
     return met_;

@@ -59,7 +59,7 @@ double SurfaceShader::Light(const RayHit& hit, const Eigen::Vector3d& center_in_
   return 1;
 }
 
-// `footprint` is the area of the surface that the sample covers.
+// Returns the unlit color. `footprint` is the area of the surface that the sample covers.
 Eigen::Vector3f SurfaceShader::OwnColor(const RayHit& hit, double footprint) const {
   if (const Surfels* surfels = caster_.surfels()) {
     const auto& colors = surfels->colors_rgb;
@@ -84,7 +84,7 @@ Eigen::Vector3f SurfaceShader::OwnColor(const RayHit& hit, double footprint) con
   return ToVector(options_.untextured_rgb);
 }
 
-// Half the base-2 logarithm of the texels that the footprint covers.
+// Returns half the base-2 logarithm of the texels that the footprint covers.
 double SurfaceShader::TextureLevel(const RayHit& hit, const Texture& texture,
                                    double footprint) const {
   const auto& [i0, i1, i2] = mesh_.triangles[hit.triangle];
@@ -100,8 +100,8 @@ double SurfaceShader::TextureLevel(const RayHit& hit, const Texture& texture,
   return covered > 1 ? 0.5 * std::log2(covered) : 0.0;
 }
 
-// Ambient light, and the sun's where the side that the viewer sees is turned to it and nothing
-// stands between.
+// Returns ambient light, and the sun's where the side that the viewer sees is turned to it and
+// nothing stands between.
 double SurfaceShader::SunLight(const RayHit& hit, const Eigen::Vector3d& center_in_world,
                                const Eigen::Vector3d& direction_in_world) const {
   const bool is_front = hit.normal_in_world.dot(direction_in_world) < 0;

@@ -1,4 +1,4 @@
-// The color of a surface under a light.
+// Computes the color of a surface under a light.
 
 #pragma once
 
@@ -15,12 +15,12 @@ class SurfaceShader {
   // `caster` must outlive the shader.
   SurfaceShader(const RayCaster& caster, const ColorOptions& options);
 
-  // RGB in 0..255 of a hit of the unit ray `direction_in_world` from `center_in_world`, which
-  // stands for `solid_angle` of the view.
+  // Returns RGB in 0..255 of a hit of the unit ray `direction_in_world` from `center_in_world`,
+  // which stands for `solid_angle` of the view.
   Eigen::Vector3f Color(const RayHit& hit, const Eigen::Vector3d& center_in_world,
                         const Eigen::Vector3d& direction_in_world, double solid_angle) const;
 
-  // The same of what such a ray sees of splats, with the background behind them.
+  // Returns the color of such a ray's look at splats, with the background behind them.
   Eigen::Vector3f Color(const SplatLook& look, const Eigen::Vector3d& center_in_world,
                         const Eigen::Vector3d& direction_in_world) const;
 

@@ -1,4 +1,4 @@
-// What a view shows, through a lens or all around.
+// The frame of a view: a perspective image or a panorama.
 
 #pragma once
 

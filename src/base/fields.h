@@ -1,6 +1,5 @@
-// Fields of options and of records. One table per struct, beside it, is what the command line,
-// files, Python's keywords, checks and results go by, so that an option or a count is added in one
-// line:
+// Fields of options and of records. One table per struct, beside it, serves the command line,
+// files, Python's keywords, checks and results, so that an option or a count is added in one line:
 //
 //   std::vector<Field> FieldsOf(ConsistencyThresholds& values) {
 //     return {{"filter_min_views", values.min_views, "References that must agree", kAtLeastOne},
@@ -32,7 +31,7 @@ std::vector<std::string> NamesOf() {
   return names;
 }
 
-// A variable of any enum that has names. An optional one may be open, which `none` then names.
+// A variable of any enum that has names. An optional one may be empty, which is written as `none`.
 class NamedValue {
  public:
   template <NamedEnum Enum>
@@ -77,7 +76,7 @@ class NamedValue {
   void (*set_)(void*, size_t);
 };
 
-// The finite numbers that a field may hold, and how a message says so.
+// The range of finite numbers that a field may hold, and its text for messages.
 struct Range {
   std::string says;
   double least = -std::numeric_limits<double>::infinity();
@@ -95,7 +94,7 @@ inline const Range kAtLeastOne{.says = "must be at least 1", .least = 1};
 inline const Range kShare{.says = "must be between 0 and 1", .least = 0, .most = 1};
 
 struct Field {
-  // What the field is a reference to.
+  // A pointer to the field's variable.
   using Value = std::variant<bool*, int*, uint64_t*, double*, std::optional<int>*,
                              std::optional<double>*, NamedValue>;
 
@@ -117,13 +116,13 @@ struct Field {
 // Throws OptionError "name = value: says" for the first number out of its range.
 void CheckRanges(std::span<const Field> fields);
 
-// The table of a struct that is only read.
+// Returns the table of a struct that is only read.
 template <typename Struct>
 std::vector<Field> ConstFieldsOf(const Struct& values) {
   return FieldsOf(const_cast<Struct&>(values));  // NOLINT(cppcoreguidelines-pro-type-const-cast)
 }
 
-// `take(name, value)` for each field of a record of counts or of numbers (Number: uint64_t,
+// Calls `take(name, value)` for each field of a record of counts or of numbers (Number: uint64_t,
 // double), as JSON or a Python dictionary takes them.
 template <typename Number, typename Take>
 void ForEachNumber(std::span<const Field> fields, const Take& take) {

@@ -45,7 +45,8 @@ const std::string& ThisHost() {
   return host;
 }
 
-// Beside the target, so that the rename stays on one file system; unique to host, process and call.
+// Returns a name beside the target, so that the rename stays on one file system; unique to host,
+// process and call.
 std::filesystem::path TemporaryName(const std::filesystem::path& path) {
   static std::atomic<unsigned> counter{0};
   return path.parent_path() / fmt::format(".{}.{}-{}-{}.tmp{}", path.stem().string(), ThisHost(),
@@ -58,7 +59,8 @@ struct TemporaryFile {
   pid_t process;
 };
 
-// ".STEM.HOST-PROCESS-COUNT.tmp.EXTENSION" or, of a target without one, ".STEM....tmp".
+// Parses ".STEM.HOST-PROCESS-COUNT.tmp.EXTENSION" or, for a target without extension,
+// ".STEM....tmp".
 std::optional<TemporaryFile> ParseTemporary(const std::filesystem::path& path) {
   std::filesystem::path name = path.filename();
   std::filesystem::path extension;
@@ -129,7 +131,7 @@ void SyncOne(const std::filesystem::path& path, Synced what) {
 // Many files take 5 ms each by themselves and less than .1 ms each at once.
 constexpr size_t kMostSyncedAlone = 4;
 
-// False, too, where that cannot be told.
+// Returns whether the process has ended; false, too, where that cannot be told.
 bool HasEnded(const TemporaryFile& file) {
   return file.host == ThisHost() && kill(file.process, 0) != 0 && errno == ESRCH;
 }

@@ -1,5 +1,5 @@
-// A fast 64-bit hash of large memory, to tell whether two meshes or jobs are the same. Not for
-// protection against intent.
+// A fast 64-bit hash (XXH3) of large memory, to tell whether two meshes or jobs are the same. It is
+// not meant for protection against intent.
 
 #pragma once
 
@@ -13,10 +13,10 @@
 
 namespace raylift {
 
-// XXH3.
+// Returns the XXH3 hash.
 uint64_t HashBytes64(std::string_view bytes, uint64_t seed = 0);
 
-// The same for any number of threads.
+// Returns a hash that does not depend on the number of threads.
 uint64_t HashLarge(std::string_view bytes, int threads);
 
 std::string HexText(uint64_t hash);  // 16 digits

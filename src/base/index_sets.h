@@ -1,4 +1,4 @@
-// Subsets of the indices of a list.
+// Computes subsets of the indices of a list.
 
 #pragma once
 

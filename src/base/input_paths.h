@@ -1,4 +1,4 @@
-// Files that come from outside: regular ones alone, as others may never end.
+// Checks files that come from outside: only regular ones are read, as others may never end.
 
 #pragma once
 
@@ -10,7 +10,8 @@
 
 namespace raylift {
 
-// For readers that open files themselves. Throws InputError where it is missing or something else.
+// Checks a file for readers that open it themselves. Throws InputError where it is missing or not a
+// regular file.
 void RequireRegularFile(const std::filesystem::path& path);
 
 // Returns all regular files below a folder, sorted. Links to folders are followed, but for those
@@ -22,7 +23,7 @@ std::vector<std::filesystem::path> ListFilesBelow(const std::filesystem::path& f
 std::optional<std::filesystem::path> Below(const std::filesystem::path& file,
                                            const std::filesystem::path& folder);
 
-// Names and extensions are compared in lower case (ASCII).
+// Return names and extensions in lower case (ASCII), for comparisons.
 std::string Lower(std::string_view text);
 std::string LowerExtension(const std::filesystem::path& path);
 

@@ -2,10 +2,10 @@
 // loops that compilers turn into vector instructions; all give the same bits.
 // Clang and the sanitizers compile it once, for any processor: slower, with the same bits.
 //
-// The kernels of the estimators and of matching are not of this kind: they are written in vectors of
-// a width that each instruction set has of its own, so that a file is compiled once per SimdLevel,
-// with flags of its own and no library header (raylift_add_kernels in CMake). Plain loops would gain
-// nothing by that.
+// The kernels of the estimators and of matching are not of this kind: they are written in vectors
+// of a width that each instruction set has of its own, so that a file is compiled once per
+// SimdLevel, with flags of its own and no library header (raylift_add_kernels in CMake). Plain
+// loops would gain nothing by that.
 
 #pragma once
 
@@ -35,8 +35,8 @@ SimdLevel BestSimdLevel();
 
 // Returns the level of the kernels that are used: the best one, unless a test asked for another.
 SimdLevel ActiveSimdLevel();
-// For tests: nullopt returns to the best level. The level must be supported, and nothing may use
-// kernels meanwhile.
+// Sets the level for tests; nullopt returns to the best level. The level must be supported, and no
+// kernel may be in use meanwhile.
 void OverrideSimdLevel(std::optional<SimdLevel> level);
 
 }  // namespace raylift

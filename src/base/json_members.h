@@ -42,7 +42,7 @@ class JsonMembers {
 
   bool reads() const { return from_ != nullptr; }
 
-  // A member, which must be there.
+  // Writes or reads a member that must be there.
   template <typename Value>
   void operator()(const std::string& name, Value&& value) {
     if (to_ != nullptr) {
@@ -52,13 +52,13 @@ class JsonMembers {
     }
   }
 
-  // A member that is written where `is_there`, and read where the file has it.
+  // Writes or reads a member that is written where `is_there`, and read where the file has it.
   template <typename Value>
   void If(bool is_there, const std::string& name, Value&& value) {
     if (reads() ? from_->contains(name) : is_there) (*this)(name, value);
   }
 
-  // The fields of a table (base/fields.h), by their names without the prefix.
+  // Writes or reads the fields of a table (base/fields.h), by their names without the prefix.
   void Fields(std::span<const Field> fields, std::string_view prefix = {}) {
     for (const Field& field : fields) {
       const std::string name(field.name.substr(prefix.size()));
@@ -66,14 +66,14 @@ class JsonMembers {
     }
   }
 
-  // The member "format", which must be this one.
+  // Writes or reads the member "format", whose value must be this one.
   void Format(const std::string& expected) {
     std::string format = expected;
     (*this)("format", format);
     if (format != expected) Fail("format", fmt::format("expected \"{}\"", expected));
   }
 
-  // The record is an array, of these values.
+  // Writes or reads the record as an array of these values.
   template <typename... Value>
   void Row(Value&... values) {
     auto row = std::tie(values...);
@@ -231,13 +231,13 @@ class JsonMembers {
   Json* to_ = nullptr;
 };
 
-// The value is copied, as its list of members takes one that can be read into.
+// Returns the value as JSON. It is copied, as its list of members takes one that can be read into.
 template <typename Value>
 nlohmann::ordered_json ToJson(Value value) {
   return JsonMembers::Written(value);
 }
 
-// An object of the fields, as JsonMembers::Fields() writes them.
+// Returns an object of the fields, as JsonMembers::Fields() writes them.
 inline nlohmann::ordered_json FieldsJson(std::span<const Field> fields,
                                          std::string_view prefix = {}) {
   auto json = nlohmann::ordered_json::object();

@@ -9,7 +9,7 @@
 
 namespace raylift {
 
-// Json is nlohmann's json or ordered_json. An indent of -1 makes one line.
+// Returns JSON as text. Json is nlohmann's json or ordered_json. An indent of -1 makes one line.
 template <typename Json>
 std::string JsonText(const Json& json, int indent = -1) {
   return json.dump(indent, ' ', /*ensure_ascii=*/false, Json::error_handler_t::replace);
@@ -25,7 +25,7 @@ void Dismantle(Json& json, int most_levels = 32) {
   json.clear();
 }
 
-// The same of a value that is for this text alone, which is dismantled.
+// Returns the text of a value that is not used afterwards, which is dismantled.
 template <typename Json>
 requires(!std::is_lvalue_reference_v<Json>) std::string JsonText(Json&& json, int indent = -1) {
   std::string text = JsonText(std::as_const(json), indent);

@@ -6,7 +6,7 @@
 
 namespace raylift {
 
-// A file in memory, read page by page as it is looked at.
+// Maps a file into memory; pages are read as they are accessed.
 class MappedFile {
  public:
   // Throws InputError where the file is missing, a folder or not readable.
@@ -15,7 +15,8 @@ class MappedFile {
   MappedFile(const MappedFile&) = delete;
   MappedFile& operator=(const MappedFile&) = delete;
 
-  // Valid as long as the object lives and the file is not cut short by others.
+  // Returns the file's bytes, valid as long as the object lives and the file is not truncated by
+  // others.
   std::string_view contents() const { return {data_, size_}; }
 
  private:

@@ -63,7 +63,7 @@ void RunOnThreads(size_t count, int num_threads, const std::function<void(size_t
 
 thread_local CallWatch* current_watch = nullptr;
 
-// Asking may be dear: a binding takes its interpreter's lock for it.
+// Asking may be costly: a binding takes its interpreter's lock for it.
 constexpr std::chrono::milliseconds kBetweenQuestions{20};
 
 }  // namespace

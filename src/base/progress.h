@@ -1,6 +1,6 @@
-// Progress of a long loop on stderr: count, rate, time left. One line that changes where stderr is
-// a terminal, else, as in the logs of a cluster, a line every minute, so that short loops leave
-// none; a watch of the call (base/parallel.h) is told in any case.
+// Shows the progress of a long loop on stderr: count, rate, time left. It is one line that changes
+// where stderr is a terminal, else, as in the logs of a cluster, a line every minute, so that short
+// loops leave none; a watch of the call (base/parallel.h) is told in any case.
 
 #pragma once
 
@@ -25,11 +25,11 @@ class Progress {
   Progress(const Progress&) = delete;
   Progress& operator=(const Progress&) = delete;
 
-  // A second quantity whose rate is shown ("Mrays"); the time left is then told by it. Before the
-  // first Advance().
+  // Adds a second quantity whose rate is shown ("Mrays"); the time left then follows from it. To be
+  // called before the first Advance().
   void CountAlso(std::string unit, double total);
 
-  // One item is done, and so much of the second quantity. May be called from any thread.
+  // Counts an item as done, and so much of the second quantity. May be called from any thread.
   void Advance(double amount = 0);
 
  private:

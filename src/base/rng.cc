@@ -13,7 +13,7 @@ uint64_t SplitMix64(uint64_t& state) {
   return z ^ (z >> 31);
 }
 
-// FNV-1a, continued from `hash`.
+// Returns the FNV-1a hash, continued from `hash`.
 uint64_t HashBytes(uint64_t hash, std::string_view bytes) {
   for (const char c : bytes) {
     hash ^= static_cast<unsigned char>(c);

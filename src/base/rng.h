@@ -9,7 +9,7 @@
 
 namespace raylift {
 
-// xoshiro256** by Blackman and Vigna (2018), seeded by splitmix64.
+// The generator xoshiro256** by Blackman and Vigna (2018), seeded by splitmix64.
 class Rng {
  public:
   explicit Rng(uint64_t seed);
@@ -26,18 +26,18 @@ class Rng {
     return result;
   }
 
-  // Uniform in [0, n); n > 0. By multiplication (Lemire 2019); its bias of n / 2^32 is far below
-  // what any sampling here could show.
+  // Returns a uniform integer in [0, n); n > 0. By multiplication (Lemire 2019); its bias of n /
+  // 2^32 is far below what any sampling here could show.
   uint32_t UniformIndex(uint32_t n) {
     return static_cast<uint32_t>(((NextBits() >> 32) * uint64_t{n}) >> 32);
   }
 
-  // Uniform in [0, 1), 53 bits.
+  // Returns a uniform number in [0, 1), of 53 bits.
   double Uniform() { return static_cast<double>(NextBits() >> 11) * 0x1.0p-53; }
 
   double Uniform(double low, double high) { return low + (high - low) * Uniform(); }
 
-  // Standard normal, by the polar method of Marsaglia.
+  // Returns a standard normal number, by the polar method of Marsaglia.
   double Normal();
 
  private:
@@ -46,8 +46,8 @@ class Rng {
   std::array<uint64_t, 4> state_;
 };
 
-// The seed of an independent stream: the same for the same (seed, name, purpose) whatever thread
-// runs it and in whatever order.
+// Returns the seed of an independent stream: the same for the same (seed, name, purpose) in any
+// thread and order.
 uint64_t StreamSeed(uint64_t seed, std::string_view name, std::string_view purpose);
 
 }  // namespace raylift

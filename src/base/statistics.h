@@ -35,7 +35,7 @@ T QuantileInPlace(std::span<T> values, double share) {
   return *at;
 }
 
-// Reorders the values, of which there must be one at least.
+// Reorders the values, of which there must be at least one, and returns the upper median.
 template <typename T>
 T UpperMedianInPlace(std::span<T> values) {
   RAYLIFT_CHECK(!values.empty());
@@ -54,7 +54,7 @@ inline double UpperDeviation(std::vector<double> values, double center) {
   return UpperMedianOr(std::move(values), 0);
 }
 
-// Reorders the values, of which there must be one at least.
+// Reorders the values, of which there must be at least one, and returns the midpoint median.
 template <typename T>
 double MidpointMedianInPlace(std::span<T> values) {
   const auto upper = static_cast<double>(UpperMedianInPlace(values));

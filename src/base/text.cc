@@ -41,7 +41,7 @@ std::string CsvField(const std::string& text) {
   return quoted + '"';
 }
 
-// Characters, not bytes, of UTF-8.
+// Counts the characters, not bytes, of UTF-8.
 size_t Width(std::string_view text) {
   return static_cast<size_t>(std::count_if(text.begin(), text.end(), [](char c) {
     return (static_cast<unsigned char>(c) & 0xc0) != 0x80;
@@ -262,7 +262,7 @@ std::string DecodeBase64(std::string_view text) {
 
 namespace {
 
-// The name with numbers of one length.
+// Returns the name with numbers of equal length.
 std::string OrderKey(std::string_view name) {
   constexpr size_t kLengthOfNumber = 20;
   constexpr std::string_view kAllDigits = "0123456789";

@@ -18,7 +18,7 @@ using Json = nlohmann::ordered_json;
 using Better = DepthMetric::Better;
 using Value = std::optional<double>;
 
-// A member of an optional part of the comparison of an image, or of a source.
+// Returns a function for a member of an optional part of an image's comparison, or of a source's.
 template <typename Whole, typename Part, typename Member>
 auto Of(std::optional<Part> Whole::*part, Member Part::*member) {
   return [part, member](const Whole& whole) -> Value {
@@ -45,7 +45,7 @@ Value MedianMatchError(const std::optional<MatchErrors>& matches) {
   return matches->median_px;
 }
 
-// `take` has a figure of an image's consistency.
+// Returns a function; `take` returns a figure of an image's consistency.
 template <typename Take>
 auto OfConsistency(const Take& take) {
   return [take](const ImageComparison& image) -> Value {
@@ -54,7 +54,7 @@ auto OfConsistency(const Take& take) {
   };
 }
 
-// ln of a factor as percent too large.
+// Returns ln of a factor as percent too large.
 Value PercentOf(const Value& log_scale) {
   if (!log_scale) return std::nullopt;
   return 100 * std::expm1(*log_scale);
@@ -97,7 +97,8 @@ constexpr ProtocolColumn kProtocolColumns[] = {
      [](const DepthErrors& e) { return e.median_signed_error; }, false},
 };
 
-// The columns of files keep their names: those of the ratio of the medians begin with "median".
+// Returns the prefix of a protocol's columns; in files those of the ratio of the medians keep the
+// prefix "median".
 std::string_view PrefixOf(DepthProtocol protocol) {
   using enum DepthProtocol;
   switch (protocol) {
@@ -209,7 +210,7 @@ constexpr std::string_view kPrinted[] = {
     "edge_accuracy_px", "normal_median_deg", "consistent_2_percent",    "contradicted_percent",
     "match_median_px",  "match_count",       "match_within_4px_percent"};
 
-// The curves of a source as rows: name, from, to, bin.
+// Calls a function for the rows of a source's curves: name, from, to, bin.
 template <typename Function>
 void ForEachBin(const SourceComparison& source, Function function) {
   const std::pair<const char*, const BinnedDepthErrors*> curves[] = {
@@ -301,7 +302,7 @@ Json SourceJson(const SourceComparison& source) {
           {"images", images}};
 }
 
-// A row of a paper's table for each source that is not the truth.
+// Returns a paper's table with a row for each source that is not the truth.
 std::string ProtocolText(const DepthComparison& comparison, DepthProtocol protocol) {
   TableRow header = {"source", "images"};
   for (const ProtocolColumn& column : kProtocolColumns) {
@@ -332,7 +333,7 @@ std::string ProtocolText(const DepthComparison& comparison, DepthProtocol protoc
                      AlignColumns(rows));
 }
 
-// What a source may be wanted for, and the metric that tells.
+// A purpose of depth, and the metric by which sources are ranked for it.
 struct Purpose {
   std::string_view name, key;
 };
@@ -352,8 +353,8 @@ const DepthMetric& MetricOf(std::string_view key) {
   return *found;
 }
 
-// The source that is not the truth with the best value, the first of several; null where none has
-// one or all have the same.
+// Returns the source that is not the truth with the best value, the first of several; null where
+// none has a value or all have the same.
 const SourceComparison* BestBy(const DepthComparison& comparison, const DepthMetric& metric) {
   const SourceComparison* best = nullptr;
   bool differs = false;
@@ -366,7 +367,7 @@ const SourceComparison* BestBy(const DepthComparison& comparison, const DepthMet
       continue;
     }
     const double gain = sign * (*value - *ValueOfSource(*best, metric));
-    // What is printed alike is alike.
+    // Values that are printed alike count as equal.
     differs = differs || std::abs(gain) >= std::pow(10, -metric.digits);
     if (gain >= std::pow(10, -metric.digits)) best = &source;
   }

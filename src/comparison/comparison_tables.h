@@ -1,4 +1,4 @@
-// A comparison of depth sources as tables: the same numbers for reading, as CSV and as JSON.
+// Writes a comparison of depth sources as tables: the same numbers for reading, as CSV and as JSON.
 
 #pragma once
 
@@ -12,7 +12,7 @@
 
 namespace raylift {
 
-// A number that every image of a source has, or has not.
+// A metric of a source in an image; nullopt where the image does not have it.
 struct DepthMetric {
   enum class Better { kLow, kHigh, kNeither };
   std::string key;    // in CSV and JSON

@@ -45,7 +45,7 @@ ImageCurves EmptyCurves(const std::vector<double>& sorted_depths) {
           BinnedDepthErrors({0, 1, 2, 3, 5, 8, 12, 20, 40, 80})};
 }
 
-// Images together see more different depths than one.
+// Judges the noise of all images together, which have a wider range of depths than one.
 void JudgeNoise(SourceComparison& source) {
   std::vector<NoiseLevel> levels;
   std::vector<double> lengths;

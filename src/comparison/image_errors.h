@@ -1,4 +1,4 @@
-// All sources in one image.
+// Computes the errors of all sources in one image.
 
 #pragma once
 
@@ -30,7 +30,7 @@ ImageResults CompareImage(std::span<const ComparedSource> sources, const PosedIm
                           std::span<const SourceView> views, std::optional<size_t> truth,
                           const DepthRange& range, const ImageCurves& empty_curves);
 
-// Lifted keypoints against their matches in other images.
+// Compares lifted keypoints with their matches in other images.
 
 // Distances in pixels of keypoints of one image, lifted and projected, from their matches.
 struct LiftedMatchErrors {
@@ -46,7 +46,7 @@ std::vector<LiftedMatchErrors> MeasureMatches(const GeometrySource& source,
 // Returns nullopt where there are no matches.
 std::optional<MatchErrors> SummarizeMatches(std::span<const LiftedMatchErrors* const> errors);
 
-// The inverse of the corrections that matches ask for: by how much depth is wrong.
+// Factors by which depth is too large: the inverse of the corrections that align it with matches.
 struct MatchScales {
   std::vector<std::optional<double>> log_scales;  // one per image
   std::optional<double> warp_sigma;
@@ -54,8 +54,8 @@ struct MatchScales {
 MatchScales ScalesByMatches(const GeometrySource& source, std::span<const PosedImage> images,
                             std::span<const ReferenceMatch> matches, int threads);
 
-// DCRE of whole results: what each photograph shows comes from a source of geometry at the true
-// pose.
+// Computes the DCRE of whole results: a source of geometry gives the surface that each photograph
+// shows at the true pose.
 
 // Returns the errors per result and query, in the order of `true_views`. `matched_poses` holds each
 // result's poses by the true views' names (MatchNames).

@@ -33,7 +33,8 @@ size_t CountInliers2D2D(const PoseProblem& problem, const Rigid3& cam_from_world
   return count;
 }
 
-// `problem` is what was estimated, `hit` how many matches were lifted before filtering.
+// Returns the details of a query. `problem` is the estimated problem, `hit` the number of matches
+// that were lifted, before filtering.
 QueryDetail DescribeQuery(const PoseProblem& problem, size_t hit, const PoseEstimate& estimate,
                           const EstimatorOptions& options, const Rigid3& true_cam_from_world,
                           size_t max_keypoints) {
@@ -66,7 +67,7 @@ QueryDetail DescribeQuery(const PoseProblem& problem, size_t hit, const PoseEsti
 
 // The result of one configuration for one query, as a comparison keeps it.
 struct LocalizationOutcome {
-  std::optional<Rigid3> cam_from_world;  // none: not localized
+  std::optional<Rigid3> cam_from_world;  // nullopt: not localized
   double inliers_2d3d = 0, inliers_2d2d = 0;
   QueryDetail detail;
 };

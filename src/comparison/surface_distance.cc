@@ -13,7 +13,7 @@ namespace {
 
 constexpr size_t kLeafSize = 4;
 
-// The finalizer of splitmix64.
+// Mixes by the finalizer of splitmix64.
 uint64_t MixIn(uint64_t hash, int64_t value) {
   uint64_t x = hash + 0x9e3779b97f4a7c15ULL + static_cast<uint64_t>(value);
   x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ULL;
@@ -191,10 +191,10 @@ constexpr int kPixelStride = 4;
 constexpr size_t kMaxPoints = 100000;
 constexpr size_t kBlock = 4096;
 
-// Points closer than this say the same.
+// Returns the distance below which points count as one.
 double CellSize(std::span<const double> thresholds) { return 0.5 * thresholds.front(); }
 
-// Beyond it, distances are all the same.
+// Returns the distance beyond which all distances count alike.
 double FarthestDistance(std::span<const double> thresholds) { return 2 * thresholds.back(); }
 
 std::vector<Eigen::Vector3d> SampleTruth(const GeometrySource& truth,

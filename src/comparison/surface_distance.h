@@ -1,4 +1,4 @@
-// Distances of points from a surface, be it triangles or a cloud of points: accuracy and
+// Computes distances of points from a surface, of triangles or of a cloud of points: accuracy and
 // completeness of reconstructions (Knapitsch et al., "Tanks and Temples", 2017).
 
 #pragma once
@@ -69,12 +69,12 @@ class ThinnedCloud {
   std::vector<Eigen::Vector3d> points_;
 };
 
-// Accuracy and completeness of several sources against a mesh, image by image: memory holds a
-// limited number of points of each, whatever the number of images and the size of the surface.
+// Scores accuracy and completeness of several sources against a mesh, image by image: memory holds
+// a limited number of points of each, whatever the number of images and the size of the surface.
 
 class SurfaceScorer {
  public:
-  // `thresholds` ascend. What `views` see of the truth is what completeness is asked of.
+  // `thresholds` ascend. Completeness is measured on what `views` see of the truth.
   SurfaceScorer(const TriangleMesh& mesh, const GeometrySource& truth,
                 std::span<const PosedImage> views, size_t num_sources,
                 std::span<const double> thresholds, int threads);

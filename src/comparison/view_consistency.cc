@@ -44,7 +44,7 @@ std::vector<size_t> NearestImages(std::span<const PosedImage> images, size_t ima
   return Nearest(std::move(others), kCandidates);
 }
 
-// rho of every point that falls on depth in the other image.
+// Returns rho of every point that falls on depth in the other image.
 std::vector<double> RhosIn(const GeometrySource& source, const PosedImage& other,
                            std::span<const Eigen::Vector3d> points, double depth_factor) {
   std::vector<Eigen::Vector2d> pixels;

@@ -1,5 +1,5 @@
-// Causes of depth errors with the parameters that explain them best, see depth_explanation.h: what
-// moves pixels or cameras, and what changes values.
+// Fits causes of depth errors, each with the parameters that explain the errors best, see
+// depth_explanation.h: motions of pixels or cameras, and changes of values.
 
 #pragma once
 
@@ -39,7 +39,7 @@ inline double IdentityError(const CauseSample& sample) {
   return std::abs(std::log(sample.estimated / sample.truth));
 }
 
-// The mean |residual|. A cause explains nothing where it predicts nothing.
+// Returns the mean |residual|. A cause explains nothing where it predicts nothing.
 inline double MeanError(const Residual& residual, std::span<const CauseSample> samples) {
   double sum = 0;
   for (const CauseSample& sample : samples) {
@@ -49,7 +49,7 @@ inline double MeanError(const Residual& residual, std::span<const CauseSample> s
   return sum / static_cast<double>(samples.size());
 }
 
-// The mean error that no cause takes off.
+// Returns the mean error without any cause.
 inline double ErrorAsItIs(std::span<const CauseSample> samples) {
   return MeanError([](const CauseSample&) { return std::nullopt; }, samples);
 }
@@ -93,14 +93,14 @@ struct CauseFit {
   std::vector<double> size;
   double severity = 0;  // below 1: too little for a word
   Residual residual;
-  // Causes of which this is a special case: they need not be worse.
+  // Causes of which this is a special case; it may explain as much as they do.
   std::vector<DepthFault> special_case_of = {};
 };
 
 using CauseFitter = std::function<std::optional<CauseFit>()>;
 
-// Each fits one cause to the training samples; views and samples must outlive what it returns.
-// Motions of pixels or of the camera:
+// Each fits one cause to the training samples; views and samples must outlive the fitters. Motions
+// of pixels or of the camera:
 std::vector<CauseFitter> MotionFitters(std::span<const ExplainedView> views,
                                        std::span<const CauseSample> training);
 // Depths of neighbors:

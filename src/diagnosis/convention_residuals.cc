@@ -20,7 +20,8 @@ namespace {
 
 constexpr size_t kFewestOfMap = 10;
 
-// The standard error of the median of values, from their median deviation as of normal ones.
+// Returns the standard error of the median of values, from their median deviation as of normal
+// ones.
 double StandardErrorOfMedian(const std::vector<double>& values) {
   return kMedianErrorPerMeanError * kSigmaPerMad *
          UpperDeviation(values, UpperMedianOr(values, 0)) /

@@ -1,5 +1,5 @@
-// The data of the doctor: keypoints of references with their matches in other references, and
-// how far they project from them under a reading of the input.
+// Computes the residuals of the doctor: distances of the references' keypoints, lifted under a
+// reading of the input and projected into other references, from their matches.
 
 #pragma once
 
@@ -42,7 +42,7 @@ struct MapScales {
   CommonScale common;
 };
 
-// Errors up to this are about those of the matches themselves.
+// Returns the largest error that is about as small as those of the matches themselves.
 inline double ExactPx(double baseline_error_px) { return 4 * std::max(baseline_error_px, 0.5); }
 
 ConventionFit MakeFit(std::vector<double> errors_px, std::vector<double> chance_px);
@@ -57,7 +57,7 @@ class ConventionResiduals {
     double ray_z;  // of the pixel's unit ray
   };
 
-  // Both sides of the matches.
+  // Takes both sides of the matches.
   ConventionResiduals(const DoctorInput& input, std::span<const ReferenceMatch> matches);
 
   size_t num_maps() const { return input_.references.size(); }
@@ -97,7 +97,7 @@ class ConventionResiduals {
                                             double log_factor) const;
 
  private:
-  // A keypoint as the other camera sees it, and its depth by the match, where that fits.
+  // A keypoint in the other camera, and its depth by triangulation with the match, where that fits.
   struct Observation {
     SightLine line_in_other;
     std::optional<TriangulatedDepth> depth;

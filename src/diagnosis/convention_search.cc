@@ -15,7 +15,7 @@ constexpr double kFewestSigmas = 5;
 constexpr size_t kFewestPairsForShift = 40;
 // A smaller mean gain in c changes no result: errors that are smaller by a hundredth.
 constexpr double kSmallestGain = 0.02;
-// A scale nearer to 1 is a matter of calibration.
+// A scale that is nearer to 1 is left to calibration.
 constexpr double kSmallestScaleChange = 0.03;
 
 double Cost(double error_px) { return std::log1p(error_px * error_px); }
@@ -30,8 +30,8 @@ struct RunningSum {
   }
 };
 
-// All combinations of kind and orientation, with the poses by which the matches agree; as read
-// first.
+// Returns all combinations of kind and orientation, with the poses with which the matches agree;
+// the one as read first.
 std::vector<DataConvention> DiscreteConventions(const DoctorInput& input, PoseConvention poses) {
   using enum MapOrientation;
   const DataConvention& as_read = input.as_read;
@@ -112,7 +112,7 @@ bool ConventionSearch::IsFarBetter(const Gain& gain) const {
   return gain.sigmas >= kFewestSigmas && gain.mean >= kSmallestGain;
 }
 
-// The best of the readings with the fewest changes: one more must pay for itself.
+// Returns the best of the readings with the fewest changes: one more change must pay for itself.
 size_t ConventionSearch::ChooseDiscrete() const {
   size_t best = 0;
   for (int changes = 1; changes <= 3; ++changes) {
@@ -156,7 +156,7 @@ ConventionSearch::Candidate ConventionSearch::ChooseShift(const Candidate& best)
   return result;
 }
 
-// The reading at the maps' common scale where that explains the data far better.
+// Returns the reading at the maps' common scale where that explains the data far better.
 DataConvention ConventionSearch::ChooseScale(const Candidate& candidate) const {
   const double log_factor = KnownUnit(candidate.common.log_factor);
   if (std::abs(log_factor) <

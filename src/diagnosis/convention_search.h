@@ -1,4 +1,4 @@
-// Which convention of depth maps and poses explains the matches best: see doctor.h.
+// Finds the convention of depth maps and poses that explains the matches best: see doctor.h.
 
 #pragma once
 

@@ -20,14 +20,15 @@ namespace {
 
 using Eigen::Vector2d;
 
-// Pixels of one block see the same surface: blocks are what counts as independent.
+// Pixels of one block see the same surface; blocks count as independent.
 constexpr int kBlockPx = 16;
 constexpr size_t kMinBlocks = 20;
 constexpr size_t kMaxSamples = 20000;  // of all views; bounds the time
 // Three standard errors: one in 700 by chance.
 constexpr double kSure = 3;
 constexpr double kMinExplained = 0.5;  // most of it
-// Over another cause: a tenth of what is left, lest what neither models decides.
+// The lead over another cause: a tenth of what is left, so that nothing hangs on what neither
+// models.
 constexpr double kMinLeadOfRest = 0.1;
 constexpr double kLeastFlyingPercent = 8;
 constexpr double kLeastError = 0.008;  // as of the finding "noise"
@@ -322,7 +323,7 @@ void AddExplanation(const DepthExplanation& explanation, std::vector<Finding>& f
 
 namespace {
 
-// A misalignment is one for all images: a few tell it as well as all.
+// A misalignment is the same for all images: a few tell it as well as all.
 constexpr size_t kMaxViews = 8;
 // Larger than what is compared else: steps of values show at a map's own pixels alone, not between.
 constexpr int kMaxSidePx = 1024;

@@ -1,5 +1,5 @@
-// Why maps of depth differ from the truth: one cause and its size, found by trying. Each cause
-// predicts what an estimated map e would be of the true map t,
+// Explains why depth maps differ from the truth by one cause and its size, found by fitting. Each
+// cause predicts what an estimated map e would be of the true map t,
 //
 //   shift, zoom, lens        e(p) = t(w(p)), w a motion of pixels
 //   rotation, displacement,  e is what a camera sees that is turned, moved, or where the images of
@@ -40,14 +40,15 @@
 
 namespace raylift {
 
-// Time offsets are looked for within so many frames.
+// The largest time offset that is tried, in frames.
 inline constexpr int kMaxFrames = 3;
 
 struct ExplainedView {
   Camera camera;              // of both maps' size
   DepthMap estimated, truth;  // z-depth
   double image_px = 1;        // of the image, that a pixel of the maps is wide
-  // The cameras of the frames from kMaxFrames before to kMaxFrames after; the middle one is itself.
+  // The cameras of the frames from kMaxFrames before to kMaxFrames after; the middle one is the
+  // identity.
   std::array<std::optional<Rigid3>, 2 * kMaxFrames + 1> frames_from_cam;
   std::string name = {};  // of the image
   // Returns the true z-depth that a camera sees at a pixel which stands there in place of the
@@ -61,9 +62,9 @@ struct ExplainedView {
 std::vector<ExplainedView> ViewsToExplain(const GeometrySource& source, const GeometrySource& truth,
                                           std::span<const PosedImage> images, int threads);
 
-// `noise_sigma` is the standard deviation of the noise of ln(estimated / true) from pixel to pixel.
-// Returns nullopt where there is too little to judge by, and for panoramas. The result is the same
-// for any `threads`.
+// Returns the best explanation. `noise_sigma` is the standard deviation of the noise of
+// ln(estimated / true) from pixel to pixel. nullopt where there are too few pixels, and for
+// panoramas. The result is the same for any `threads`.
 std::optional<DepthExplanation> ExplainDepthErrors(std::span<const ExplainedView> views,
                                                    double noise_sigma, int threads);
 
@@ -71,8 +72,8 @@ std::optional<DepthExplanation> ExplainDepthErrors(std::span<const ExplainedView
 // there is none although errors are no less than what noise needs to be named.
 void AddExplanation(const DepthExplanation& explanation, std::vector<Finding>& findings);
 
-// Depth maps of a camera that is not quite the image's, as an uncalibrated depth camera gives them:
-// to check that a comparison names what is wrong (depth_explanation.h has the same quantities).
+// Makes depth maps of a camera that is not quite the image's, as an uncalibrated depth camera gives
+// them: to check that a comparison names the fault (depth_explanation.h has the same quantities).
 
 struct DepthMisalignment {
   Eigen::Vector2d shift_px = Eigen::Vector2d::Zero();  // by which the map lies off

@@ -26,11 +26,11 @@ constexpr float kInteriorPx = 8;
 constexpr double kOutlier = 0.05;
 constexpr size_t kNoiseLevels = 5;
 constexpr double kMinDepthRatio = 1.5;
-// An exponent this near to the one of a kind of noise makes it that kind.
+// An exponent this near to that of a kind of noise makes the noise that kind.
 constexpr double kSameExponent = 0.4;
 constexpr float kUnknown = std::numeric_limits<float>::quiet_NaN();
 
-// ln(estimated / true), NaN where one is not known.
+// Computes ln(estimated / true), NaN where one of them is not known.
 class LogRatios {
  public:
   LogRatios(const DepthMap& estimated, const DepthMap& truth)
@@ -126,7 +126,7 @@ class LogRatios {
   std::vector<float> known_;
 };
 
-// A kind of error, its size, and the least that is worth a word.
+// A kind of error, its size, and the least size that is large enough to be reported.
 struct Rule {
   DepthFault fault;
   std::optional<double> value;
@@ -224,7 +224,7 @@ std::optional<DepthDeviation> MeasureDeviation(const DepthMap& estimated, const 
   return deviation;
 }
 
-// The slope of a line through the logarithms.
+// Returns the slope of a line through the logarithms.
 std::optional<double> NoiseExponent(std::span<const NoiseLevel> levels) {
   std::vector<Eigen::Vector2d> logs;
   Eigen::Vector2d mean = Eigen::Vector2d::Zero();

@@ -14,7 +14,7 @@
 namespace raylift {
 namespace {
 
-// "; the fewest of a.jpg (3 %), ..."
+// Returns "; the fewest of a.jpg (3 %), ...".
 std::string WorstImages(std::span<const ReferenceMatch> matches, const std::vector<bool>& agrees,
                         std::span<const PosedImage> references) {
   constexpr double kFewestOfImage = 10;
@@ -202,7 +202,7 @@ std::string Summary(const Diagnosis& diagnosis) {
 
 namespace {
 
-// The factor of depth that a change of scale means.
+// Returns the factor of depth that a change of scale means.
 double DepthFactor(const DataConvention& as_read, const DataConvention& other) {
   return other.kind == DepthKind::kInverse ? as_read.scale / other.scale
                                            : other.scale / as_read.scale;
@@ -216,7 +216,7 @@ std::optional<MapOrientation> Combined(MapOrientation a, MapOrientation b) {
   if (b == kAsStored) return a;
   if (a == b) return kAsStored;
   if (a == kTransposed || b == kTransposed) return std::nullopt;
-  // Of the two flips and the half turn, any two make the third.
+  // Any two of the two flips and the half turn make the third.
   for (const MapOrientation third : {kFlippedX, kFlippedY}) {
     if (a != third && b != third) return third;
   }

@@ -1,5 +1,5 @@
-// The sentences by which the doctor tells what it found: one clause each, for Diagnosis::reason.
-// Summary() of doctor.h puts them together.
+// Writes the sentences of the doctor's findings: one clause each, for Diagnosis::reason. Summary()
+// of doctor.h puts them together.
 
 #pragma once
 
@@ -39,18 +39,18 @@ std::string Describe(const ClampFault& clamp);
 std::string Describe(const WrapFault& wrap);
 std::string Describe(const AffineFault& affine);
 
-// The best reading, with what came of looking for another place of the mesh, where there is one.
+// Describe the best reading, and the search for another place of the mesh, where there is one.
 std::string DescribeFewDepths(const ConventionFit& fit, std::span<const StoredExtreme> extremes,
                               std::optional<MeshSearch> search);
 std::string DescribeMisfit(const DoctorInput& input, const ConventionFit& fit,
                            double baseline_error_px, std::optional<MeshSearch> search);
 
-// The mesh.
+// These describe the place of a mesh.
 inline constexpr const char* kLimitsDrop =
     "the mesh is where the references are, but the limits of what is lifted from it (near, far, "
     "max_incidence_deg, max_depth_jump, back_faces) drop most of what the keypoints see";
 std::string DescribeManyPlaces(std::ptrdiff_t num_places);
-// `as_read_px`: none where no ray meets the mesh as read.
+// `as_read_px` is nullopt where no ray meets the mesh as read.
 std::string DescribePlace(const PlacedMesh& best, const MeshPlacement& as_placed,
                           std::optional<double> as_read_px);
 

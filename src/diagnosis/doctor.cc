@@ -21,13 +21,13 @@
 namespace raylift {
 namespace {
 
-// At least so many of the matches that agree with the poses do so by more than chance, and so many
-// of all matches. Images that do not overlap have wrong matches only.
+// The least share of the agreeing matches that agree by more than chance, and the least share of
+// all matches. Images that do not overlap have wrong matches only.
 constexpr double kLeastPurity = 0.7;
 constexpr double kLeastAgreement = 0.03;
 constexpr size_t kFewestAgreeing = 100;
 
-// A mesh in its place should have this much of what is seen.
+// A mesh in its place should cover this share of the keypoints.
 constexpr double kLeastCoverageOfPlaced = 0.4;
 
 std::vector<ReferenceMatch> Evenly(std::span<const ReferenceMatch> matches, size_t most) {
@@ -46,7 +46,8 @@ bool IsExact(const ConventionFit& fit, double baseline_error_px) {
   return fit.median_px <= ExactPx(baseline_error_px);
 }
 
-// Repairs must be far nearer to the matches than depths at random, with few exceptions.
+// Returns whether a fit is good: repairs must be far nearer to the matches than depths at random,
+// with few exceptions.
 bool IsGood(const ConventionFit& fit, double baseline_error_px) {
   constexpr double kOfChance = 0.25;
   constexpr double kUpperOfChance = 0.4;
@@ -54,7 +55,8 @@ bool IsGood(const ConventionFit& fit, double baseline_error_px) {
          fit.upper_px <= std::max(kUpperOfChance * fit.upper_chance_px, 8 * baseline_error_px);
 }
 
-// Noisy depth may pass as it is read where nothing explains the matches better.
+// Returns whether a fit may pass as it is read where nothing explains the matches better, as that
+// of noisy depth.
 bool IsPassable(const ConventionFit& fit, double baseline_error_px) {
   constexpr double kOfChance = 0.5;
   constexpr double kUpperOfChance = 0.3;
@@ -155,7 +157,8 @@ std::vector<AffineForm> FormsBehind(const DataConvention& good, const DataConven
   return {{false, true}};
 }
 
-// Keypoints at extremes, but for the one that `except` points to, are asked by themselves.
+// Returns the residuals with the keypoints at extremes masked, except at the one that `except`
+// points to.
 ConventionResiduals& MaskExtremes(const DoctorInput& input, std::span<const StoredExtreme> extremes,
                                   const StoredExtreme* except, ConventionResiduals& data) {
   for (const StoredExtreme& extreme : extremes) {
@@ -228,7 +231,7 @@ class Examination {
     return data_.FitOf(convention, data_.FitScales(convention).log_factors);
   }
 
-  // Judges what the best convention is worth in itself, and what else is wrong.
+  // Judges the best convention in itself, and looks for other faults.
   void Judge() {
     const DataConvention best = diagnosis_.best;
     const ConventionFit fit = FitOf(best);

@@ -16,7 +16,7 @@ namespace {
 
 // A map of half the size, interpolated, is smoothed by about this.
 constexpr double kLeastSmoothingPx = 0.5;
-// The mean error of a filter that is worth a word: it is that of few pixels.
+// The least mean error of a filter that is large enough to be reported: that of a few pixels.
 constexpr double kLeastFilterError = 0.001;
 constexpr int kMaxReachPx = 8;
 
@@ -36,7 +36,7 @@ class FilterFitter {
   FilterFitter(std::span<const ExplainedView> views, std::span<const CauseSample> training)
       : views_(views), training_(training) {}
 
-  // As SmoothDepth.
+  // Fits the filter of SmoothDepth().
   std::optional<CauseFit> Smoothing() const {
     const auto model = [this](double sigma_px) -> Residual {
       const int reach = static_cast<int>(std::ceil(3 * sigma_px));

@@ -29,9 +29,9 @@ struct MatchAgreement {
   size_t num_random = 0;  // of those; few tell nothing of chance
   double median_px = 0;   // distance from the epipolar line of those that agree
 
-  // Returns the share of all matches that agree by more than chance,
+  // Returns the share of all matches that agree by more than chance.
   double Skill() const;
-  // and that share of those that agree.
+  // Returns that share of the matches that agree.
   double Purity() const;
 };
 

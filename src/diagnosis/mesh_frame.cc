@@ -23,10 +23,10 @@
 namespace raylift {
 namespace {
 
-// A keypoint whose depth is less certain than this says little.
+// Keypoints whose depth is less certain than this are not used.
 constexpr double kLeastGainPx = 10;
 
-// Scales that meshes come in beside the right one.
+// Scales of meshes that are usual, apart from the right one.
 constexpr std::array<double, 13> kUsualScales = {
     1, 0.001, 0.01, 0.1, 10, 100, 1000, 0.5, 2, 0.0254, 1 / 0.0254, 0.3048, 1 / 0.3048};
 
@@ -65,7 +65,7 @@ double ExpectedCrossings(const TriangleMesh& mesh) {
   return whole > 0 ? sum / whole : 0;
 }
 
-// Cells of space that are on a surface or beside it.
+// A grid of the cells of space on a surface or beside it.
 class SurfaceGrid {
  public:
   explicit SurfaceGrid(std::span<const Eigen::Vector3d> points)
@@ -124,7 +124,7 @@ class SurfaceGrid {
   size_t inner_ = 0;  // cells without the margin
 };
 
-// Shifts in the mesh's frame that bring most of the points near the surface.
+// A shift in the mesh's frame that brings most of the points near the surface.
 struct ScoredShift {
   Eigen::Vector3d shift;
   int score;

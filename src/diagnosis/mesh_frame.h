@@ -19,7 +19,7 @@
 
 namespace raylift {
 
-// A placement, and what it does for matches that it was not found by.
+// A placement, and its fit to matches from which it was not found.
 struct PlacedMesh {
   MeshPlacement placement;   // of the mesh as it is read
   MeshPlacement from_files;  // of the mesh as its files have it, to the digits of its keys
@@ -33,7 +33,7 @@ enum class MeshSearch {
   kTooFewMatches,  // to look by and to judge by
   kTooTangled,     // rays cross too many triangles
   kNoneFound,
-  kRejected,  // what was found is not good
+  kRejected,  // a placement was found but is not good
 };
 
 class MeshFrameSearch {

@@ -79,7 +79,8 @@ std::optional<MeshPlacement> MeshFrameSearch::AlongAxes(const MeshPlacement& pla
   return Refine(turned, samples, 0.02, Freedom::kShiftAndScale);
 }
 
-// Known units, round numbers and no shift at all where they are about as good.
+// Returns a placement of known units, round numbers and no shift at all where they are about as
+// good.
 MeshPlacement MeshFrameSearch::Simplify(MeshPlacement refined) const {
   constexpr double kTolerance = 0.02;
   constexpr double kAboutAsGood = 1.15;
@@ -138,7 +139,7 @@ double MeshFrameSearch::PxScore(std::span<const Sample> samples,
   return score / static_cast<double>(samples.size());
 }
 
-// The best of what refinements of more and more freedom come to.
+// Takes the best of refinements of more and more freedom.
 void MeshFrameSearch::RefineFully(Candidate& candidate, std::span<const Sample> samples) const {
   constexpr double kCoarse = 0.15;
   constexpr double kFine = 0.03;

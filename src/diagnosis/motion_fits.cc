@@ -26,12 +26,13 @@ using Eigen::Vector3d;
 // Half of the half pixel by which conventions of pixel centers differ.
 constexpr double kLeastMovePx = 0.25;
 constexpr double kStopPx = 1.0 / 64;
-// For the last steps the truth is seen again, at some of the samples, if that may explain most.
+// In the last steps the truth is rendered again, at some of the samples, if that may explain most.
 constexpr double kPolishPx = 0.25;
 constexpr size_t kPolishEvery = 4;
 constexpr double kMostLeftToPolish = 0.75;
 
-// Linear in inverse depth on one surface, else the nearest pixel's; 0 where there is none.
+// Returns the depth, linear in inverse depth on one surface, else the nearest pixel's; 0 where
+// there is none.
 double DepthAt(const DepthMap& map, const Vector2d& pixel) {
   if (!(pixel.x() >= 0 && pixel.y() >= 0 && pixel.x() < map.width_px &&
         pixel.y() < map.height_px)) {
@@ -52,8 +53,8 @@ double DepthAt(const DepthMap& map, const Vector2d& pixel) {
   return 1 / ((1 - fy) * ((1 - fx) / z[0] + fx / z[1]) + fy * ((1 - fx) / z[2] + fx / z[3]));
 }
 
-// What a motion predicts: by the pixels of the true map, which is quick but does not know what lies
-// between them or behind an edge, and by the truth seen again (ExplainedView::truth_from).
+// Predictions of a motion: by the pixels of the true map, which is fast but does not know the depth
+// between them or behind an edge, and by the truth rendered again (ExplainedView::truth_from).
 struct MotionModel {
   Residual by_map, by_truth;
 };
@@ -72,7 +73,7 @@ std::vector<Parameters> Grid(size_t dimensions) {
   return grid;
 }
 
-// cam_from_map_camera where the map's camera stood between two frames.
+// Returns cam_from_map_camera where the map's camera stood between two frames.
 std::optional<Rigid3> AtTime(const ExplainedView& view, double frames) {
   if (std::abs(frames) > kMaxFrames) return std::nullopt;
   const auto below = std::min(static_cast<int>(std::floor(frames)), kMaxFrames - 1);
@@ -183,7 +184,7 @@ class MotionFitter {
       return is_seen_from_anywhere_ ? MeanError(model(parameters).by_truth, polishing_)
                                     : MeanError(model(parameters).by_map, training_);
     });
-    // How far it moves what is seen, as the others are judged.
+    // Pixels by which it moves the image, as the other motions are judged.
     std::vector<double> moves_px;
     for (size_t view = 0; view < views_.size(); ++view) {
       const auto motion = AtTime(views_[view], found[0]);

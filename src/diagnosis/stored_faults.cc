@@ -49,7 +49,8 @@ std::vector<double> StoredValues(const DepthMap& map, const PosedImage& referenc
   return values;
 }
 
-// A stored value is a float or an integer; a map's z, multiplied by the unit, is not exactly it.
+// Returns the nearest value that a file can store, a float or an integer; a map's z, multiplied by
+// the unit, is not exactly it.
 double NearestStored(double value) {
   const double integer = std::round(value);
   constexpr double kNear = 2e-7;
@@ -67,7 +68,7 @@ MapStatistics Measure(const std::vector<double>& values) {
   return statistics;
 }
 
-// The extreme of all maps where many pixels of several maps have it.
+// Returns the extreme of all maps where many pixels of several maps have it.
 std::optional<StoredExtreme> CommonExtreme(const std::vector<MapStatistics>& maps, bool largest) {
   constexpr double kLeastShare = 0.002;
   double value = largest ? 0 : std::numeric_limits<double>::infinity();
@@ -91,8 +92,8 @@ std::optional<StoredExtreme> CommonExtreme(const std::vector<MapStatistics>& map
   return StoredExtreme{NearestStored(value), share, largest};
 }
 
-// The moduli just above the largest value: powers of two of a stored 1, or of units that floats
-// were made from.
+// Returns the moduli just above the largest value: powers of two of a stored 1, or of units from
+// which floats were made.
 std::vector<double> Moduli(double largest, double unit) {
   constexpr std::array<double, 5> kUnits = {1e-3, 1e-4, 2e-4, 1e-2, 1.0 / 256};
   std::vector<double> steps = {1};
@@ -112,7 +113,7 @@ std::vector<double> Moduli(double largest, double unit) {
   return moduli;
 }
 
-// A depth, and how well the multiples of a modulus that may be added to it fit.
+// The multiple of a modulus that is to be added to a depth, and the error then.
 struct Unwrapped {
   double error_px;
   int multiples;

@@ -1,6 +1,7 @@
-// Faults of what depth maps store that no reading repairs: values that are cut off at a largest or
-// smallest one, that start again at zero beyond a power of two, or that are an affine map of depth
-// or inverse depth. Found by the depth that matches between references triangulate.
+// Finds faults of the stored values of depth maps that no reading repairs: values that are cut off
+// at a largest or smallest one, that start again at zero beyond a power of two, or that are an
+// affine map of depth or inverse depth. They are found by the depth that matches between references
+// triangulate.
 
 #pragma once
 
@@ -29,7 +30,7 @@ struct StoredStatistics {
 };
 StoredStatistics LookAtMaps(const DoctorInput& input, int threads);
 
-// An extreme value that pixels hold of which it is not the depth.
+// An extreme value at pixels whose depth it is not.
 struct ClampFault {
   StoredExtreme extreme;
   double depth_ratio = 1;  // how many times as deep keypoints there are (median)
@@ -46,7 +47,8 @@ std::optional<ClampFault> FindClamp(const ConventionResiduals& data,
 // Says whether depth fits the matches in itself.
 using IsGoodFit = bool (*)(const ConventionFit& fit, double baseline_error_px);
 
-// Values that go on at 0 where they reach `modulus`: depth agrees once multiples of it are added.
+// Values that start again at 0 where they reach `modulus`: depth agrees once multiples of it are
+// added.
 struct WrapFault {
   double modulus = 0;                                 // as stored
   double share = 0;                                   // of keypoints that are wrapped
@@ -66,7 +68,7 @@ struct AffineFault {
   AffineForm form;
   double factor = 1;  // of the first map, where each has its own
   double shift = 0;
-  // The fit of matches that it was not fitted to.
+  // The fit of held-out matches.
   ConventionFit fit = {};
   std::vector<std::optional<double>> errors_px = {};  // of each keypoint
 };
@@ -76,8 +78,8 @@ std::optional<AffineFault> FindAffine(const DoctorInput& input, const Convention
                                       std::span<const AffineForm> forms, double baseline_error_px,
                                       IsGoodFit is_good);
 
-// Keypoints are for fitting or, those of other pairs of images, tell whether a fit holds. The same
-// place in a map is not for both: some of its matches are for neither.
+// A keypoint is for fitting or, with those of other pairs of images, for testing the fit. One place
+// in a map is not for both: some of its matches are for neither.
 enum class Half { kFitting, kHeldOut, kNeither };
 std::vector<Half> SplitKeypoints(const ConventionResiduals& data);
 

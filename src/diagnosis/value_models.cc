@@ -18,8 +18,8 @@ constexpr size_t kMinPixelsPerValue = 3;
 constexpr size_t kMinValues = 3;
 // The relative precision of values of one step: float, and interpolation between equal ones.
 constexpr double kSame = 1e-6;
-// A value may miss its step by so much of it, and so many may miss it by more: interpolation
-// between steps gives some.
+// A value may miss its step by this share of it, and this share of values may miss it by more:
+// interpolation between steps gives some.
 constexpr double kMaxMiss = 0.1;
 constexpr double kMostMissing = 0.05;
 

@@ -1,7 +1,7 @@
-// Models of what became of the values of depth maps, which doctor and compare fit: values held at a
-// largest or smallest one, a line v' = factor * v + shift of depth or of inverse depth, and steps.
-// The doctor has the depths that some matches triangulate, each with an error of its own, and wrong
-// ones among them; compare has the true depth of every pixel.
+// Models of changed values of depth maps, which doctor and compare fit: values held at a largest or
+// smallest one, a line v' = factor * v + shift of depth or of inverse depth, and steps. The doctor
+// has the depths that some matches triangulate, each with an error of its own, and wrong ones among
+// them; compare has the true depth of every pixel.
 
 #pragma once
 
@@ -46,9 +46,9 @@ struct ValueSteps {
   double largest = 0;
   bool of_inverse = false;
 
-  // The bits of an integer that counts the steps from 0 to the largest value.
+  // Returns the bits of an integer that counts the steps from 0 to the largest value.
   double Bits() const;
-  // The depth of the step that is nearest to a depth.
+  // Returns the depth of the step that is nearest to a depth.
   double Nearest(double z) const;
 };
 

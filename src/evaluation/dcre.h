@@ -1,7 +1,7 @@
 // The dense correspondence reprojection error (Wald et al., "Beyond Controlled Environments", 2020;
 // Panek et al., "CadLoc", 2023): how far the surface that a photograph shows moves in the image
-// when the estimated pose takes the place of the true one. It asks what an application sees rather
-// than how far a camera center is off.
+// when the estimated pose takes the place of the true one. It measures what an application sees
+// rather than how far a camera center is off.
 
 #pragma once
 
@@ -24,8 +24,8 @@ struct DensePoint {
   Eigen::Vector3d point_in_true_cam;
 };
 
-// Shares of the image's diagonal. A point that moves farther than the diagonal, or behind the
-// camera, counts as one diagonal.
+// Errors as shares of the image's diagonal. A point that moves farther than the diagonal, or behind
+// the camera, counts as one diagonal.
 struct Dcre {
   double mean = 0;
   double max = 0;

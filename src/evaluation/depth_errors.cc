@@ -99,7 +99,7 @@ std::optional<DepthFitKind> FitOf(DepthProtocol protocol) {
   return std::nullopt;
 }
 
-// Least squares of a * scale + shift = b; none where a is the same everywhere.
+// Fits a * scale + shift = b by least squares; nullopt where a is the same everywhere.
 std::optional<DepthFit> FitLine(std::span<const double> a, std::span<const double> b) {
   const auto n = static_cast<double>(a.size());
   double mean_a = 0, mean_b = 0;
@@ -318,7 +318,7 @@ SurfaceScore ComputeSurfaceScore(std::span<const float> to_truth, std::span<cons
 
 namespace {
 
-// The lower envelope of the parabolas (x - q)^2 + values[q], at every x, in place.
+// Computes the lower envelope of the parabolas (x - q)^2 + values[q], at every x, in place.
 void TransformLine(std::span<double> values, std::vector<size_t>& apexes,
                    std::vector<double>& starts, std::vector<double>& result) {
   apexes.clear();

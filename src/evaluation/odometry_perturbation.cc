@@ -17,7 +17,7 @@ Vector3d Normal3(Rng& rng, double sigma) {
   return vector;
 }
 
-// Where lost odometry begins anew: a turn of about a radian, and a few steps away.
+// Returns where lost odometry begins anew: a turn of about a radian, and a few steps away.
 Rigid3 Restart(Rng& rng, double step_length) {
   constexpr double kSteps = 5;
   return {RotationFromVector(Normal3(rng, 1)), Normal3(rng, kSteps * step_length)};

@@ -18,7 +18,7 @@
 namespace raylift {
 namespace {
 
-// Which true name each estimate stands for.
+// Finds the true name that each estimate stands for.
 class NameMatcher {
  public:
   NameMatcher(const PosesByName& ground_truth, const PosesByName& estimated) {
@@ -179,7 +179,7 @@ Calibration Calibrate(std::span<const UncertainPose> poses) {
 
 namespace {
 
-// The data sets' own papers and benchmarks report these.
+// The thresholds that the data sets' own papers and benchmarks report.
 constexpr std::pair<std::string_view, std::string_view> kPresets[] = {
     {"aachen", "0.25,2:0.5,5:5,10"},
     {"robotcar", "0.25,2:0.5,5:5,10"},
@@ -326,7 +326,7 @@ std::string FormatCalibrationText(std::span<const ResultSummary> results) {
   return rows.size() > 1 ? AlignColumns(rows) : std::string();
 }
 
-// The numbers of a result, in the order of the columns.
+// Returns the numbers of a result, in the order of the columns.
 Row Numbers(const ResultSummary& result) {
   Row numbers = {std::to_string(result.num_queries), std::to_string(result.num_localized),
                  std::to_string(result.unknown_names.size())};

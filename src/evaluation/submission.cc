@@ -15,10 +15,11 @@ namespace raylift {
 namespace {
 
 constexpr double kMaxNormError = 1e-3;
-// The scene is the references' box, this much larger on every side.
+// The margin by which the scene's box exceeds that of the references, on every side.
 constexpr double kBoxMargin = 0.5;
 
-// Each query by its name and by every end of it; an end of two queries is none.
+// Returns each query by its name and by every end of it; an end that two queries share stands for
+// none.
 std::map<std::string, std::optional<size_t>> IndexNames(std::span<const std::string> names) {
   std::map<std::string, std::optional<size_t>> index;
   for (size_t i = 0; i < names.size(); ++i) {

@@ -17,14 +17,15 @@ namespace raylift {
 struct SubmissionReport {
   size_t num_queries = 0;
   size_t num_poses = 0;               // of known queries
-  std::vector<std::string> problems;  // one line each; none: fit to be handed in
+  std::vector<std::string> problems;  // one line each; empty: fit to be handed in
   std::vector<std::string> remarks;   // what is allowed, but may not be meant
   std::vector<std::string> missing;   // queries without a pose, which is allowed
 };
 
 // Names must be those of the queries or their ends from a `/` on. `reference_centers` (may be
 // empty) say where the scene is: where most camera centers lie far outside of it and would not,
-// were the poses camera to world, the direction is wrong. InputError where the file cannot be read.
+// were the poses camera to world, the direction is wrong. Throws InputError where the file cannot
+// be read.
 SubmissionReport CheckSubmission(const std::filesystem::path& file,
                                  std::span<const std::string> query_names,
                                  std::span<const Eigen::Vector3d> reference_centers);

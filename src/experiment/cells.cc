@@ -26,11 +26,11 @@ namespace {
 using Json = nlohmann::ordered_json;
 using std::filesystem::path;
 
-// The version of the cells' form and of what fills them: a change of either makes all cells anew.
+// The version of the cells' format and of what fills them: a change of either makes all cells anew.
 constexpr int kCellVersion = 3;
 // A cell's queries are in memory with all their matches, and those that noise is learned from.
 constexpr size_t kQueriesPerCell = 256;
-// Larger inputs are told by sizes and times.
+// Larger inputs are identified by sizes and times.
 constexpr uintmax_t kMaxHashedBytes = uintmax_t{64} << 20;
 
 struct FoundFile {
@@ -86,7 +86,7 @@ std::string PlaceOfSpec(const std::string& spec) {
   return spec.substr(colon + 1, comma == std::string::npos ? comma : comma - colon - 1);
 }
 
-// Returns the files or folders of a specification of geometry; none where it names none ("sfm").
+// Returns the files or folders of a specification of geometry; empty where it names none ("sfm").
 std::vector<path> PathsOfSpec(const std::string& spec) {
   const std::string place = PlaceOfSpec(spec);
   std::vector<path> paths;
@@ -207,7 +207,7 @@ class InputCollector {
   InputIdentity identity_;
 };
 
-// In the order of the work: what is opened together stands together.
+// Sorts in the order of the work: cells that open the same inputs stand together.
 void SortByWork(std::vector<Cell>& cells, const Experiment& experiment) {
   const auto scene_index = [&](const Cell& cell) {
     return &experiment.SceneOf(cell.setting) - experiment.scenes.data();
@@ -220,7 +220,7 @@ void SortByWork(std::vector<Cell>& cells, const Experiment& experiment) {
   });
 }
 
-// What a cell's file holds.
+// The contents of a cell's file.
 struct CellRecord {
   std::string setting;
   Json inputs;

@@ -29,8 +29,8 @@ std::vector<Measure> MeasuresOf(const std::vector<Threshold>& thresholds) {
   return measures;
 }
 
-// Holm: the smallest p-value is compared with the level over the number of lines, the next with the
-// level over one less, until one fails.
+// Judges all claims by Holm's method: the smallest p-value is compared with the level over the
+// number of lines, the next with the level over one less, until one fails.
 void Judge(const std::vector<Claim>& claims, std::vector<JudgedClaim>& judged) {
   struct Ref {
     const Claim* claim;

@@ -30,7 +30,7 @@ namespace {
 
 using std::filesystem::path;
 
-// ${NAME} by the value of the variable.
+// Replaces ${NAME} by the value of the variable.
 std::string ExpandVariables(const std::string& text, const VariableLookup& variables) {
   std::string expanded;
   size_t position = 0;
@@ -118,7 +118,7 @@ std::vector<LayoutAxis> ReadAxes(TomlTable& table, std::string_view key) {
   return axes;
 }
 
-// Every axis that the table names. Throws InputError where an axis cannot have a value: the
+// Reads every axis that the table names. Throws InputError where an axis cannot have a value: the
 // experiment's scenes and filters must be known.
 Selection ReadSelection(TomlTable& table, const Experiment& experiment) {
   Selection selection;
@@ -232,7 +232,7 @@ std::string TakeSceneFile(const path& file, ExperimentScene& scene) {
   return read.thresholds;
 }
 
-// Requires what a scene cannot do without; a scene file that is missing may hold it.
+// Requires the inputs that every scene needs; a scene file that is missing may hold them.
 void CheckScene(const TomlTable& table, const ExperimentScene& scene) {
   const auto hloc = {scene.features, scene.matches, scene.pairs};
   const bool any = std::any_of(hloc.begin(), hloc.end(), [](const path& p) { return !p.empty(); });
@@ -294,7 +294,7 @@ class ExperimentReader {
   void ReadEstimator() {
     auto table = top_.Table("estimator");
     if (!table) return;
-    // What else can be set would have to be among the inputs of cells.
+    // Other options would have to be among the inputs of cells.
     const auto fields = [this] {
       std::vector<Field> all = NumberFieldsOf(experiment_.estimator);
       std::erase_if(all, [](const Field& field) {

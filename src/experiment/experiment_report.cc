@@ -41,7 +41,7 @@ Json TableJson(const PivotTable& table) {
           {"rows", std::move(rows)}};
 }
 
-// A figure is a table whose columns are the panels and the subsampling.
+// Returns the table of a figure: its columns are the panels and the subsampling.
 PivotTable FigureTable(const Experiment& experiment, TableLayout table,
                        std::span<const SettingResult> results) {
   table.columns.emplace_back(Axis::kEvery);

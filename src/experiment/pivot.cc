@@ -46,7 +46,7 @@ std::vector<std::string> ValuesOf(const Experiment& experiment, const Setting& s
   return values;
 }
 
-// Equal but for axes that do not matter to the setting.
+// Returns whether a setting belongs to a column: axes that do not matter to it may differ.
 bool Fits(const std::vector<std::string>& of_setting, const std::vector<std::string>& column) {
   for (size_t i = 0; i < column.size(); ++i) {
     if (!of_setting[i].empty() && of_setting[i] != column[i]) return false;
@@ -54,7 +54,8 @@ bool Fits(const std::vector<std::string>& of_setting, const std::vector<std::str
   return true;
 }
 
-// By the first axis, then the second ..., each in the order in which its values come in the grid.
+// Returns the results ordered by the first axis, then the second ..., each in the order in which
+// its values come in the grid.
 std::vector<const SettingResult*> OrderedBy(const Experiment& experiment,
                                             const std::vector<LayoutAxis>& axes,
                                             std::vector<const SettingResult*> results) {
@@ -108,7 +109,7 @@ std::vector<PrintedValue> PrintedValues(const SettingResult& result, TableValue 
   return printed;
 }
 
-// The thresholds where all scenes have the same, else their numbers.
+// Returns the thresholds where all scenes have the same, else their numbers.
 std::vector<std::string> NamesOfValues(TableValue value,
                                        std::span<const SettingResult* const> all) {
   if (value == TableValue::kMedian) return {"position", "deg"};
@@ -256,10 +257,10 @@ PivotTable MakePivot(const Experiment& experiment, const TableLayout& layout,
   return table;
 }
 
-// The forms of a table: text, Markdown, CSV and LaTeX.
+// Writes a table as text, Markdown, CSV and LaTeX.
 namespace {
 
-// The text of a cell, each value marked by its place.
+// Returns the text of a cell, each value marked by its rank.
 template <typename Mark>
 std::string CellText(const PivotCell& cell, const Mark& mark) {
   if (!cell.known) return "-";
@@ -305,7 +306,7 @@ std::string LatexFields(const TableRow& fields) {
   return line + " \\\\\n";
 }
 
-// One line of column titles; equal neighbors share one.
+// Returns one line of column titles; equal neighbors share one.
 std::string LatexHeader(const PivotTable& table, size_t axis) {
   TableRow fields;
   const bool is_last = axis + 1 == std::max<size_t>(table.column_axes.size(), 1);

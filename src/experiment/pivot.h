@@ -1,5 +1,5 @@
-// Tables of an experiment's results in the layout that its file asks for, as the paper prints them:
-// some axes make the rows, others the columns, and a cell holds the recalls or the medians.
+// Makes tables of an experiment's results in the layout that its file asks for, as the paper prints
+// them: some axes make the rows, others the columns, and a cell holds the recalls or the medians.
 
 #pragma once
 
@@ -35,16 +35,16 @@ struct PivotTable {
   std::vector<Row> rows;
 };
 
-// A setting to which a column axis does not matter stands in all columns. Throws InputError where
-// two settings fall into one cell.
+// Makes a table. A setting to which a column axis does not matter stands in all columns. Throws
+// InputError where two settings fall into one cell.
 PivotTable MakePivot(const Experiment& experiment, const TableLayout& layout,
                      std::span<const SettingResult> results);
 
 std::string FormatPivotText(const PivotTable& table);
 std::string FormatPivotMarkdown(const PivotTable& table);
 std::string FormatPivotCsv(const PivotTable& table);
-// A tabular for booktabs, whose best, second and third values stand in \first, \second and \third,
-// as the paper defines them; the definitions come along.
+// Returns a tabular for booktabs, whose best, second and third values stand in \first, \second and
+// \third, as the paper defines them, together with these definitions.
 std::string FormatPivotLatex(const PivotTable& table);
 
 // Joins the titles that are not empty.
@@ -55,14 +55,14 @@ std::string EscapeMarkdown(std::string_view text);
 // Returns the text with LaTeX's special characters as what they print.
 std::string EscapeLatex(std::string_view text);
 
-// A value of an axis as a table prints it ("P3P", "1/5").
+// Returns a value of an axis as a table prints it ("P3P", "1/5").
 std::string ValueTitle(const Experiment& experiment, const Setting& setting, LayoutAxis axis);
 
 std::string FormatExperimentPage(const Experiment& experiment, std::span<const PivotTable> tables,
                                  std::span<const SettingResult> results,
                                  std::span<const JudgedClaim> claims);
 
-// The figure's points as CSV: panel, line, subsampling, a column per value.
+// Returns the figure's points as CSV: panel, line, subsampling, a column per value.
 std::string FormatFigureCsv(const Experiment& experiment, const TableLayout& layout,
                             std::span<const SettingResult> results);
 

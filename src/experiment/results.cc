@@ -23,7 +23,7 @@ using Run = std::pair<uint64_t, size_t>;
 // The outcomes of a scene's queries, by name.
 using Outcomes = std::map<std::string, QueryOutcome>;
 
-// Eq. 6, as the estimator itself does it.
+// Chooses a pose by eq. 6, as the estimator itself does.
 QueryOutcome ChooseBySelect(const QueryOutcome& p3p, const QueryOutcome& e5p1, double alpha) {
   const bool has_p3p = p3p.cam_from_world.has_value();
   bool take_p3p = has_p3p && p3p.inliers_2d2d > alpha * e5p1.inliers_2d2d;
@@ -100,7 +100,7 @@ std::vector<Run> RunsOf(const Experiment& experiment, const Setting& setting) {
   return runs;
 }
 
-// The mean over the runs of a value of each query's error.
+// Returns the mean over the runs of a value of each query's error.
 template <typename Value>
 std::vector<double> PerQuery(const std::vector<Comparison>& comparisons, const Value& value) {
   std::vector<double> means(comparisons.empty() ? 0 : comparisons.front().queries.size(), 0.0);
@@ -126,7 +126,7 @@ double MedianOver(const std::vector<Comparison>& comparisons, const Value& value
   return MidpointMedianInPlace(std::span(values));
 }
 
-// A name that any file system takes.
+// Returns a name that any file system accepts.
 std::string FileName(const Setting& setting, Run run) {
   std::string name;
   for (const Axis axis : AllValues<Axis>()) {

@@ -1,5 +1,5 @@
-// The results of an experiment's cells: pose errors against the ground truth, pooled over runs: the
-// seeds, times the offsets of the subsampling.
+// Collects the results of an experiment's cells: pose errors against the ground truth, pooled over
+// runs, which are the seeds times the offsets of the subsampling.
 
 #pragma once
 
@@ -29,22 +29,24 @@ struct SettingResult {
   double MedianPosition() const;  // over all queries and runs; infinite for no pose
   double MedianRotationDeg() const;
 
-  // Share of the runs in which the query was within the threshold, in percent.
+  // Returns the share of the runs in which the query was within the threshold, in percent.
   std::vector<double> RecallPerQuery(size_t threshold) const;
-  // The area under the recall curve up to the threshold: 100 for no error at all, 0 beyond it.
+  // Returns the area under the recall curve up to the threshold: 100 for no error at all, 0 beyond
+  // it.
   std::vector<double> AucPerQuery(size_t threshold) const;
 };
 
-// One per setting, in order. Throws InputError where a scene's ground truth is no good.
+// Returns one result per setting, in order. Throws InputError where a scene's ground truth is
+// damaged.
 std::vector<SettingResult> CollectResults(const Experiment& experiment,
                                           std::span<const Setting> settings,
                                           std::span<const Cell> cells, const CellStore& store);
 
-// One line per setting and threshold, for all who make their own tables and figures.
+// Returns one line per setting and threshold, for tables and figures of other programs.
 std::string FormatResultsCsv(std::span<const SettingResult> results);
 
-// Poses of the scenes without ground truth, SCENE/SETTING-SEED.txt, as a benchmark's server takes
-// them. Returns how many.
+// Writes the poses of the scenes without ground truth, SCENE/SETTING-SEED.txt, as a benchmark's
+// server takes them. Returns the number of files.
 size_t WriteSubmissions(const std::filesystem::path& folder, const Experiment& experiment,
                         std::span<const Setting> settings, std::span<const Cell> cells,
                         const CellStore& store);
@@ -66,10 +68,10 @@ inline constexpr auto kEnumNames<ClaimVerdict> = std::to_array<EnumName<ClaimVer
 // Returns 0 for no values.
 double MeanOf(const std::vector<double>& values);
 
-// A difference up to a percentage point counts as not worse.
+// A difference up to so many percentage points counts as not worse.
 inline constexpr double kNotWorsePercent = 1;
-// Shown and contradicted are those lines, of all claims together, whose difference survives Holm's
-// correction (1979) at this level.
+// Holm's level (1979): lines whose difference survives his correction at it, over all claims
+// together, count as shown or contradicted.
 inline constexpr double kClaimLevel = 0.05;
 
 struct ClaimLine {
@@ -89,10 +91,10 @@ struct JudgedClaim {
   size_t Count(ClaimVerdict verdict) const;
 };
 
-// Where a claim has several opponents, the difference is that to the best of them, which every draw
-// of the bootstrap looks for anew. Each claim at every combination of the axes that are not of the
-// method and that the claim leaves open. AUC is judged beside the recalls, as these are the same
-// for all where the data are easy.
+// Judges each claim at every combination of the axes that are not of the method and that the claim
+// leaves open. Where a claim has several opponents, the difference is that to the best of them,
+// which every draw of the bootstrap looks for anew. AUC is judged beside the recalls, as these are
+// the same for all where the data are easy.
 std::vector<JudgedClaim> JudgeClaims(const Experiment& experiment,
                                      std::span<const SettingResult> results);
 

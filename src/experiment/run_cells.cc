@@ -116,7 +116,7 @@ std::vector<QueryOutcome> OutcomesOf(std::span<const QueryRecord> records) {
 
 constexpr size_t kMostBytesOfMatches = size_t{2} << 30;
 
-// One subsampling of a scene.
+// The references of one subsampling of a scene, with what its cells share.
 class SubsampledScene {
  public:
   SubsampledScene(const Experiment& experiment, const ExperimentScene& scene, size_t every,
@@ -317,7 +317,7 @@ class SubsampledScene {
   std::vector<std::string> warnings_;
 };
 
-// The end of the cells from `begin` on that are alike.
+// Returns the end of the cells from `begin` on that have the same key.
 template <typename KeyOf>
 size_t EndOfGroup(std::span<const Cell> cells, size_t begin, const KeyOf& key_of) {
   size_t end = begin + 1;

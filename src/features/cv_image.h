@@ -1,4 +1,4 @@
-// Pictures as OpenCV takes them.
+// Converts pictures for OpenCV.
 
 #pragma once
 

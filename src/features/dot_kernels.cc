@@ -57,7 +57,7 @@ struct Sums {
 };
 #endif
 
-// Eight sums stay in registers.
+// The number of sums in a register; eight registers hold sums.
 constexpr size_t kLanes = sizeof(Sums) / sizeof(int32_t);
 constexpr size_t kParts = kLanes == kTileColumns ? 1 : 2;
 constexpr size_t kRows = 8 / kParts;

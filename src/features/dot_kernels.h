@@ -1,5 +1,5 @@
-// Products of descriptors, compiled once per instruction set. They are of integers, so all sets give
-// the same.
+// Products of descriptors, compiled once per instruction set. They are products of integers, so
+// that all sets give the same.
 
 #pragma once
 
@@ -12,8 +12,9 @@ namespace raylift::kernels {
 inline constexpr int kTileColumns = 16;
 inline constexpr int kRowMultiple = 8;
 
-// dots[i * stride + j] = row i . column j. Rows lie `dimension` (an even number) apart. A tile holds
-// two values of each of its columns, then the next two: what one instruction multiplies and adds.
+// Computes dots[i * stride + j] = row i . column j. Rows lie `dimension` (an even number) apart. A
+// tile holds two values of each of its columns, then the next two: one instruction multiplies and
+// adds these.
 using MultiplyDescriptors = void(const int16_t* rows, size_t num_rows, const int16_t* tiles,
                                  size_t num_tiles, size_t dimension, int32_t* dots, size_t stride);
 

@@ -104,10 +104,12 @@ void UpdateColumnBest(std::span<const int32_t> values, int32_t row, std::span<in
 
 namespace {
 
-// A tile of the product is one thread's work: large enough that packing its factors costs little.
+// The side of a tile of the product, which is one thread's work: large enough that packing its
+// factors costs little.
 constexpr Eigen::Index kTileSide = 256;
 
-// In a fixed order, whatever the instruction set: the products of floats are exact in double.
+// Returns the dot product in a fixed order, whatever the instruction set: the products of floats
+// are exact in double.
 double DotInDouble(const float* a, const float* b, Eigen::Index size) {
   constexpr Eigen::Index kLanes = 8;
   std::array<double, kLanes> sums{};
@@ -122,9 +124,9 @@ double DotInDouble(const float* a, const float* b, Eigen::Index size) {
   return ((sums[0] + sums[4]) + (sums[1] + sums[5])) + ((sums[2] + sums[6]) + (sums[3] + sums[7]));
 }
 
-// How far a dot product in float may be off, relative to the product of the norms, in whatever
-// order it is summed (Higham, Accuracy and Stability of Numerical Algorithms, Sec. 3.1); twice
-// that, as the norms are rounded, too.
+// Returns the largest error of a dot product in float, relative to the product of the norms, in
+// whatever order it is summed (Higham, Accuracy and Stability of Numerical Algorithms, Sec. 3.1);
+// twice that, as the norms are rounded, too.
 float ErrorBound(Eigen::Index size) {
   return static_cast<float>(size + 2) * std::numeric_limits<float>::epsilon();
 }

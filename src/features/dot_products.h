@@ -1,4 +1,5 @@
-// Dot products of many vectors: exact ones of rounded descriptors, and searches for the largest.
+// Computes dot products of many vectors: exact ones of rounded descriptors, and searches for the
+// largest.
 
 #pragma once
 
@@ -19,23 +20,24 @@ namespace raylift {
 // changes a squared distance by about 2e-5; neighboring descriptors of photographs are 0.1 to 1
 // apart.
 
-// What 1.0 becomes. Inner products of vectors of at most unit length stay below 2^31 (for up to
+// The integer for 1.0. Inner products of vectors of at most unit length stay below 2^31 (for up to
 // 65536 values, rounding included).
 inline constexpr int kQuantizedOne = 32767;
 inline constexpr int64_t kQuantizedOneSquared = int64_t{kQuantizedOne} * kQuantizedOne;
 
 struct QuantizedDescriptors {
-  // All zeros.
+  // Makes all zeros.
   QuantizedDescriptors(Eigen::Index dimension, Eigen::Index count);
 
   Eigen::Index dimension;
   Eigen::Index count;
-  // A descriptor is a column. Sides are padded with zeros to what ComputeDots works in.
+  // The values; a descriptor is a column. Sides are padded with zeros to the multiples that
+  // ComputeDots() needs.
   Eigen::Matrix<int16_t, Eigen::Dynamic, Eigen::Dynamic> values;
 };
 
-// Columns scaled to unit length and rounded. A column that has no direction (all zero, or not
-// finite) becomes zero.
+// Returns the columns scaled to unit length and rounded. A column that has no direction (all zero,
+// or not finite) becomes zero.
 QuantizedDescriptors QuantizeDirections(const Eigen::MatrixXf& descriptors);
 
 // The second factor of ComputeDots, in the order in which its kernels read it.
@@ -43,11 +45,12 @@ class DotColumns {
  public:
   explicit DotColumns(const QuantizedDescriptors& descriptors);
 
-  // How many products a row of ComputeDots has room for.
+  // Returns the number of products for which a row of ComputeDots() has room.
   Eigen::Index stride() const { return stride_; }
-  // The products of descriptors [first_row, first_row + num_rows) of `rows` with all columns, row
-  // after row; of the stride() places of a row, as many as there are columns are meant. first_row
-  // and the count of rows that `dots` has room for are multiples of kernels::kRowMultiple.
+  // Computes the products of descriptors [first_row, first_row + num_rows) of `rows` with all
+  // columns, row after row; of the stride() places of a row, the first ones, as many as there are
+  // columns, count. first_row and the count of rows that `dots` has room for are multiples of
+  // kernels::kRowMultiple.
   void ComputeDots(const QuantizedDescriptors& rows, Eigen::Index first_row, Eigen::Index num_rows,
                    std::span<int32_t> dots) const;
 
@@ -57,10 +60,10 @@ class DotColumns {
   std::vector<int16_t> tiles_;
 };
 
-// The first of the largest values; `values` is not empty.
+// Returns the index of the first of the largest values; `values` is not empty.
 size_t IndexOfMax(std::span<const int32_t> values);
 
-// best[j], best_row[j] = values[j], row wherever values[j] > best[j].
+// Sets best[j], best_row[j] = values[j], row wherever values[j] > best[j].
 void UpdateColumnBest(std::span<const int32_t> values, int32_t row, std::span<int32_t> best,
                       std::span<int32_t> best_row);
 
@@ -76,11 +79,11 @@ void UpdateColumnBest(std::span<const int32_t> values, int32_t row, std::span<in
 
 class DotProductSearch {
  public:
-  // A query is a column; all values must be finite.
+  // Takes a column for each query; all values must be finite.
   DotProductSearch(Eigen::MatrixXf query_vectors, int k);
 
-  // The next references, a column each, numbered on from those before. `meanwhile` runs beside the
-  // work, e.g. to read the next block.
+  // Adds the next references, a column each, numbered on from those before. `meanwhile` runs beside
+  // the work, e.g. to read the next block.
   void Add(const Eigen::MatrixXf& reference_vectors, int threads,
            const std::function<void()>& meanwhile = {});
 

@@ -14,8 +14,8 @@
 namespace raylift {
 namespace {
 
-// So many of the query's features at once that their products with a reference of some thousand
-// features stay in the second-level cache.
+// The number of the query's features that are taken at once: their products with a reference of
+// some thousand features stay in the second-level cache.
 constexpr Eigen::Index kRowsOfBlock = 32;
 // The second nearest must lie farther from the nearest than this: the same place found again, at
 // another scale or orientation, does not make a match ambiguous (1 to 2 % more correct matches at
@@ -28,8 +28,8 @@ struct Candidate {
   bool passes_ratio_test;
 };
 
-// Whether a feature of the reference, at another place than the best one, is so near to the query's
-// that d_best < ratio d_second fails, with d^2 = 2 - 2 dot.
+// Returns whether a feature of the reference, at another place than the best one, is so near to the
+// query's that d_best < ratio d_second fails, with d^2 = 2 - 2 dot.
 bool IsAmbiguous(std::span<const int32_t> dots, size_t best, const Features& reference,
                  const MatchOptions& options) {
   if (options.max_ratio >= 1) {
@@ -48,8 +48,8 @@ bool IsAmbiguous(std::span<const int32_t> dots, size_t best, const Features& ref
   return false;
 }
 
-// A place with several orientations can match another such place more than once. Of matches that
-// join the same two pixels the best is kept, or the estimator would count them as independent.
+// Keeps the best of the matches that join the same two pixels, as places with several orientations
+// have several: the estimator would count them as independent.
 std::vector<FeatureMatch> OnePerPixelPair(const std::vector<FeatureMatch>& matches,
                                           const Features& query, const Features& reference) {
   using PixelPair = std::array<double, 4>;

@@ -60,7 +60,8 @@ cv::Mat ShrinkToSide(const Image& gray, int max_side_px) {
   return small;
 }
 
-// OpenCV promises no order. The strongest first; the rest is there to leave no ties.
+// Returns the features in a fixed order, the strongest first, as OpenCV promises none; further keys
+// leave no ties.
 std::vector<int> StrongestFirst(const std::vector<cv::KeyPoint>& keypoints) {
   std::vector<int> order(keypoints.size());
   std::iota(order.begin(), order.end(), 0);

@@ -39,7 +39,7 @@ void ForEachRowOfDots(const QuantizedDescriptors& descriptors, const QuantizedDe
   });
 }
 
-// An index drawn with probability proportional to its weight; the total is positive.
+// Returns an index drawn with probability proportional to its weight; the total is positive.
 Eigen::Index DrawByWeight(const std::vector<int64_t>& weights, double total, Rng& rng) {
   double rest = rng.Uniform() * total;
   Eigen::Index last_possible = 0;
@@ -93,7 +93,7 @@ QuantizedDescriptors InitialWords(const QuantizedDescriptors& descriptors, int n
   return words;
 }
 
-// Each word becomes the rounded mean of its descriptors; a word without any stays.
+// Moves each word to the rounded mean of its descriptors; a word without any stays.
 void MoveToMeans(const QuantizedDescriptors& descriptors, const std::vector<int>& word_of,
                  QuantizedDescriptors& words) {
   using Sums = Eigen::Matrix<int64_t, Eigen::Dynamic, Eigen::Dynamic>;
@@ -114,7 +114,7 @@ void MoveToMeans(const QuantizedDescriptors& descriptors, const std::vector<int>
   }
 }
 
-// Words (means of unit descriptors, hence at most of unit length), rounded and not normalized.
+// Rounds words (means of unit descriptors, hence at most of unit length) without normalizing them.
 QuantizedDescriptors QuantizeWords(const Eigen::MatrixXf& words) {
   QuantizedDescriptors quantized(words.rows(), words.cols());
   for (Eigen::Index k = 0; k < words.cols(); ++k) {
@@ -144,8 +144,9 @@ std::vector<int> AssignToWords(const QuantizedDescriptors& descriptors,
   return word_of;
 }
 
-// k-means: returns the means of at most num_words clusters; none without descriptors. All that
-// decides is an integer, so the words are the same on every machine and for any thread count.
+// Returns the means of at most num_words clusters by k-means; none without descriptors. All
+// decisions are by integers, so that the words are the same on every machine and for any number of
+// threads.
 QuantizedDescriptors ClusterDescriptors(const QuantizedDescriptors& descriptors, int num_words,
                                         int max_iterations, int threads, Rng& rng) {
   QuantizedDescriptors words = InitialWords(descriptors, num_words, threads, rng);
@@ -170,7 +171,8 @@ void CheckDimension(Eigen::Index expected, Eigen::Index found) {
   }
 }
 
-// Every choice of max_descriptors is equally likely (Knuth's selection sampling).
+// Draws max_descriptors of all descriptors; every choice is equally likely (Knuth's selection
+// sampling).
 Eigen::MatrixXf SampleDescriptors(size_t num_images, const FeaturesVisit& visit,
                                   int max_descriptors, Rng& rng) {
   int64_t total = 0;
@@ -207,7 +209,7 @@ Eigen::MatrixXf SampleDescriptors(size_t num_images, const FeaturesVisit& visit,
   return sample;
 }
 
-// Columns to unit length; zero columns stay.
+// Scales columns to unit length; zero columns stay.
 void NormalizeColumns(Eigen::Ref<Eigen::MatrixXf> matrix) {
   for (auto column : matrix.colwise()) {
     const float norm = column.norm();

@@ -13,8 +13,8 @@
 namespace raylift {
 namespace {
 
-// The model with two focal lengths that `model` is a special case of; its further parameters
-// start with those of `model`, zeros follow.
+// Returns the model with two focal lengths of which `model` is a special case; its further
+// parameters start with those of `model`, zeros follow.
 CameraModel WithTwoFocalLengths(CameraModel model) {
   switch (model) {
     case CameraModel::kSimplePinhole:

@@ -41,7 +41,8 @@ using Owned = std::unique_ptr<T, Destroy>;
 using Context = Owned<PJ_CONTEXT>;
 using Object = Owned<PJ>;
 
-// A wheel carries PROJ's database beside the module that has this code.
+// Returns the folder of PROJ's database that a Python wheel carries beside the module with this
+// code; empty where there is none.
 std::filesystem::path CarriedDatabase() {
   Dl_info module{};
   if (dladdr(reinterpret_cast<const void*>(&CarriedDatabase), &module) == 0) return {};
@@ -49,7 +50,8 @@ std::filesystem::path CarriedDatabase() {
   return Exists(folder / "proj" / "proj.db") ? folder / "proj" : "";
 }
 
-// Where PROJ looks beside a carried database, which goes first: grids are found elsewhere, too.
+// Returns the folders that PROJ searches beside a carried database, which comes first: grids are
+// found elsewhere, too.
 std::vector<std::string> FoldersOfProj(const std::string& carried) {
   std::vector<std::string> folders = {carried};
   for (const char* name : {"PROJ_DATA", "PROJ_LIB"}) {
@@ -205,7 +207,8 @@ double MetersPerUnit(const Context& context, const Object& crs, int axis) {
   return meters;
 }
 
-// Heights that a system has are in the unit of its last axis, others in that of a map's eastings.
+// Returns the meters of a unit of height: that of the system's last axis where it has heights, else
+// that of a map's eastings.
 double MetersPerHeightUnit(const Context& context, const Object& crs, const Object& horizontal) {
   if (proj_get_type(crs.get()) == PJ_TYPE_COMPOUND_CRS) {
     return MetersPerUnit(context, Object(proj_crs_get_sub_crs(context.get(), crs.get(), 1)), 0);
@@ -219,7 +222,7 @@ std::string PointText(const Vector3d& p) {
   return fmt::format("({:.9g}, {:.9g}, {:.9g})", p.x(), p.y(), p.z());
 }
 
-// Degrees beyond the area where a system is meant for that its coordinates may still be used in.
+// Degrees beyond its area of use within which a system may still be used.
 constexpr double kMarginDeg = 6;
 
 }  // namespace

@@ -11,7 +11,7 @@
 namespace raylift {
 namespace {
 
-// 1 + c0 q + c1 q^2 + ..., and its derivative.
+// The value of 1 + c0 q + c1 q^2 + ..., and its derivative.
 struct ValueAndSlope {
   double value;
   double slope;
@@ -26,7 +26,7 @@ ValueAndSlope OnePlusPolynomial(std::span<const double> coefficients, double q) 
   return {1 + value * q, value + slope * q};
 }
 
-// The count of coefficients without the zeros at the end.
+// Returns the count of coefficients without the zeros at the end.
 template <size_t kCount>
 size_t NumTerms(const std::array<double, kCount>& coefficients) {
   size_t count = kCount;
@@ -255,7 +255,7 @@ Lens::Scale Lens::RationalScale(double squared_radius) const {
   return {value, (n.slope - value * d.slope) / d.value};
 }
 
-// atan(a r) / (omega r) with a = 2 tan(omega / 2).
+// Returns atan(a r) / (omega r) with a = 2 tan(omega / 2).
 Lens::Scale Lens::FovScale(double squared_radius) const {
   const double a = 2 * std::tan(0.5 * fov_omega_);
   const double y = a * a * squared_radius;
@@ -367,8 +367,8 @@ std::optional<Eigen::Vector2d> Lens::Undistort(const Eigen::Vector2d& distorted)
   return UndistortByNewton(NearestOnGrid(distorted), distorted);
 }
 
-// Newton's method kept between bounds: the distorted radius grows with the radius up to
-// max_radius_.
+// Finds the radius by Newton's method between bounds: the distorted radius grows with the radius up
+// to max_radius_.
 double Lens::UndistortRadius(double distorted_radius) const {
   if (radial_ == Radial::kFov) {
     return std::tan(distorted_radius * fov_omega_) / (2 * std::tan(0.5 * fov_omega_));

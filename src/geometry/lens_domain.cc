@@ -1,5 +1,5 @@
-// The domain in which a lens is one-to-one: the first radius at which the distorted radius stops
-// growing, and, for tangential and prism terms, a polar grid of directions.
+// Finds the domain in which a lens is one-to-one: the first radius at which the distorted radius
+// stops growing, and, for tangential and prism terms, a disc by a polar grid of directions.
 
 #include <algorithm>
 #include <array>
@@ -60,7 +60,8 @@ double BisectSignChange(const Polynomial& polynomial, double low, double high) {
   return low;
 }
 
-// The sign changes in (0, 1], ascending: at most one between neighboring roots of the derivative.
+// Returns the sign changes in (0, 1], ascending: at most one between neighboring roots of the
+// derivative.
 Roots SignChangesInUnitInterval(const Polynomial& polynomial, int degree) {
   Roots roots;
   if (degree == 0) return roots;
@@ -103,8 +104,8 @@ bool IsPositive(const Eigen::Matrix2d& jacobian) {
   return jacobian.determinant() > 0 && jacobian.trace() > 0;
 }
 
-// The numerator of d(r s(r^2)) / dr as a polynomial in q = r^2, for s = n / d:
-// n d + 2 q (n' d - n d').
+// Returns the numerator of d(r s(r^2)) / dr as a polynomial in q = r^2, for s = n / d: n d + 2 q
+// (n' d - n d').
 Polynomial RadialGrowth(const Polynomial& n, const Polynomial& d) {
   const Polynomial two_q = {0, 2};
   const Polynomial rise = Product(Product(two_q, Derivative(n)), d);
@@ -163,8 +164,8 @@ void Lens::LimitRadialDomain() {
   }
 }
 
-// A map whose Jacobian has a positive definite symmetric part on a convex region is one-to-one
-// there: this finds the largest such disc, to one step of a polar grid.
+// Finds the largest disc, to one step of a polar grid, on which the Jacobian has a positive
+// definite symmetric part: on a convex region such a map is one-to-one.
 void Lens::LimitNonRadialDomain() {
   if (non_radial_ == NonRadial::kNone) {
     safe_radius_ = max_radius_;
@@ -208,7 +209,8 @@ bool Lens::IsInDomain(const Eigen::Vector2d& projected) const {
   return true;
 }
 
-// Where tangential or prism terms are so strong that the radial solution is no good start.
+// Returns the nearest point of the grid, where tangential or prism terms are so strong that the
+// radial solution is no good start.
 Eigen::Vector2d Lens::NearestOnGrid(const Eigen::Vector2d& distorted) const {
   Eigen::Vector2d nearest = Eigen::Vector2d::Zero();
   double least_error = distorted.norm();

@@ -1,4 +1,5 @@
-// A pose in JSON, as the project's own files hold it: {"qvec": [w, x, y, z], "tvec": [x, y, z]}.
+// Converts a pose to JSON, as the project's own files hold it, and back: {"qvec": [w, x, y, z],
+// "tvec": [x, y, z]}.
 
 #pragma once
 

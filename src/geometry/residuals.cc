@@ -77,7 +77,7 @@ std::optional<SampsonResidual> SampsonError(const Camera& query_camera,
 
 namespace {
 
-// In closed form; the plane z = 1 makes it exact.
+// Computes the frame in closed form; the plane z = 1 makes it exact.
 PixelFrame MakePinholeFrame(const Camera& camera, const Eigen::Vector2d& slope) {
   const Eigen::Vector2d focal(camera.focal_x_px(), camera.focal_y_px());
   PixelFrame frame;

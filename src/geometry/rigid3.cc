@@ -31,7 +31,7 @@ namespace {
 
 using enum PoseConvention;
 
-// A half turn about x: its own inverse.
+// Returns a half turn about x, which is its own inverse.
 Rigid3 CamFromOpenGlCam() { return {Eigen::Quaterniond(0, 1, 0, 0), Eigen::Vector3d::Zero()}; }
 
 }  // namespace

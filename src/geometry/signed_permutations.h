@@ -1,4 +1,4 @@
-// The axes that files have: each along one of ours, one way or the other.
+// Axes of files, each along one of ours in either direction.
 
 #pragma once
 

@@ -1,4 +1,4 @@
-// Where two rays come closest to each other: the point that two matched keypoints show.
+// Triangulates two matched keypoints: finds where their rays come closest to each other.
 //
 // With n = a x b of the directions and d from the origin of a to that of b,
 //   ray_t_a = ((d x b) . n) / |n|^2   and   ray_t_b = ((d x a) . n) / |n|^2.
@@ -24,8 +24,8 @@ struct SightLine {
   Eigen::Vector3d At(double ray_t) const { return origin + ray_t * direction; }
 };
 
-// The points of either line that are closest to the other; behind the origin where ray_t is
-// negative. What is good enough to be a point is for the caller to say.
+// The points of either line that are closest to the other; they lie behind the origin where ray_t
+// is negative. The caller decides whether they are good enough for a point.
 struct ClosestApproach {
   double ray_t_a;
   double ray_t_b;

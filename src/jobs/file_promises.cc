@@ -16,7 +16,8 @@ namespace {
 using std::filesystem::path;
 using Json = nlohmann::ordered_json;
 
-// It says where the run was made and on how many threads.
+// Returns whether a file belongs to one run: it holds where the run was made and on how many
+// threads.
 bool IsOfOneRun(const path& file) { return file.filename() == "options.json"; }
 
 // Links may stand for folders on the way from one that is beside the other.
@@ -26,7 +27,7 @@ path Relative(const path& file, const path& folder) {
   return weakly_canonical(file, ignored).lexically_relative(weakly_canonical(folder, ignored));
 }
 
-// A name that is not UTF-8, as JSON must be, is a list of its bytes.
+// Returns a file's name as JSON; a name that is not UTF-8, as JSON must be, is a list of its bytes.
 Json PathJson(const std::string& name) {
   Json text = Json::parse(JsonText(Json(name)));
   return text == name ? text : Json(std::vector<uint8_t>(name.begin(), name.end()));

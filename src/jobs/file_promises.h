@@ -19,7 +19,7 @@ namespace raylift {
 std::vector<PromisedFile> PromiseFiles(const std::filesystem::path& folder,
                                        std::span<const std::filesystem::path> files);
 
-// The member "files" of a line.
+// Returns the member "files" of a line.
 nlohmann::ordered_json FilesJson(std::span<const PromisedFile> files);
 void Members(JsonMembers& members, PromisedFile& file);
 // Returns what a line promises; nothing where it makes no sense.

@@ -10,13 +10,15 @@
 
 namespace raylift {
 
-// "SIZE HASH", or "missing". Of files beyond 64 MB so much is read, in evenly spaced pieces.
+// Returns "SIZE HASH", or "missing". Of a file beyond 64 MB only so much is read, in evenly spaced
+// pieces.
 std::string FileFingerprint(const std::filesystem::path& file);
 
-// The fingerprint of many files, by their names and sizes: "COUNT HASH". They need not be there.
+// Returns the fingerprint of many files, by their names and sizes: "COUNT HASH". They need not be
+// there.
 std::string SizesFingerprint(const std::filesystem::path& folder,
                              std::span<const std::string> names);
-// The fingerprint of all files below `folder` but those below `except`.
+// Returns the fingerprint of all files below `folder` except those below `except`.
 std::string FolderFingerprint(const std::filesystem::path& folder,
                               const std::filesystem::path& except);
 

@@ -1,4 +1,4 @@
-// How far a job is, as its manifests tell.
+// Tells the progress of a job by its manifests.
 
 #pragma once
 
@@ -37,7 +37,7 @@ struct JobStatus {
 // Throws InputError where the folder holds no job, or parts of different ones.
 JobStatus ReadJobStatus(const std::filesystem::path& out);
 
-// "0,3-5": the shards that are neither done nor at work, as job arrays take them.
+// Returns "0,3-5", the shards that are neither done nor at work, as job arrays take them.
 std::string ShardsToSubmit(const JobStatus& status);
 
 }  // namespace raylift

@@ -55,7 +55,7 @@ std::string TextIfThere(const path& file) {
 
 using Json = nlohmann::ordered_json;
 
-// The member of a shard's line that says what machine it ran on.
+// The member of a shard's line with the vector instructions of its machine.
 constexpr const char* kInstructions = "instructions";
 constexpr std::string_view kBeginOfInstructions = R"({"instructions":)";
 

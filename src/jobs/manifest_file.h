@@ -1,7 +1,7 @@
-// The file in which a job keeps what is done: a line of JSON on the job (the header), then a line
-// for each task, added once its files are synced, so that a killed run can go on where it was (and
-// may do the last ones again).
-// Shards have files of their own, until all of them are complete.
+// The manifest, in which a job records the tasks that are done: a line of JSON on the job (the
+// header), then a line for each task, added once its files are synced, so that a killed run can go
+// on where it was (and may do the last ones again). Shards have files of their own, until all of
+// them are complete.
 
 #pragma once
 
@@ -21,7 +21,7 @@
 
 namespace raylift {
 
-// manifest.jsonl, or manifest.I-of-N.jsonl of a shard.
+// Returns manifest.jsonl, or manifest.I-of-N.jsonl of a shard.
 std::filesystem::path ManifestPath(const std::filesystem::path& out, const Shard& shard);
 // Returns the shard that a file of that name is of; nullopt if it has another name.
 std::optional<Shard> ShardOfManifest(const std::filesystem::path& manifest);
@@ -38,11 +38,11 @@ struct ManifestText {
   size_t CountTasks() const;
 };
 
-// A last line without its end, which a crash has cut off, counts as not there; so does a missing
-// file.
+// Reads a manifest. A last line without its end, which a crash has cut off, counts as absent; so
+// does a missing file.
 ManifestText ReadManifestText(const std::filesystem::path& manifest);
 
-// The whole file at once. Throws OutputError naming it where it cannot be written.
+// Writes the whole file at once. Throws OutputError naming it where it cannot be written.
 void WriteManifestText(const std::filesystem::path& manifest, const std::string& header,
                        std::span<const std::string> lines);
 
@@ -62,7 +62,8 @@ class ManifestAppender {
   ManifestAppender(const ManifestAppender&) = delete;
   ManifestAppender& operator=(const ManifestAppender&) = delete;
 
-  // `line` is without its end. Throws what a line before it could not be written for.
+  // Appends `line`, given without its end. Rethrows the error of a line that could not be written
+  // before.
   void Append(std::string line);
   // Returns when all lines would survive a loss of power; throws as Append().
   void Flush();
@@ -103,8 +104,8 @@ class FolderLock {
   int descriptor_;
 };
 
-// Lines that make no sense, or are not readable, count as not there. So do the results: they are
-// written anew.
+// Reads a manifest. Lines that cannot be parsed, or are not readable, count as absent. So do the
+// results: they are written anew.
 TaskManifest ReadTaskManifest(const std::filesystem::path& file, const IsReadable& is_readable);
 // Takes the records, the facts and the header of a part of the same run.
 void AddPart(TaskManifest part, TaskManifest& all);
@@ -113,12 +114,12 @@ void AddPart(TaskManifest part, TaskManifest& all);
 TaskManifest ReadTaskManifests(std::span<const std::filesystem::path> files,
                                const IsReadable& is_readable, const std::filesystem::path& out);
 
-// With the tasks in the order of the list.
+// Writes a manifest with the tasks in the order of the list.
 void WriteTaskManifest(const std::filesystem::path& file, const TaskManifest& manifest);
-// To `out`, whose manifests of shards are no longer needed.
+// Writes the manifest of the whole job to `out`, whose manifests of shards are no longer needed.
 void WriteWholeManifest(const std::filesystem::path& out, const TaskManifest& manifest);
 
-// Where two headers, JSON both, first differ: "options/seed: 0 there, 1 here".
+// Returns where two headers, JSON both, first differ: "options/seed: 0 there, 1 here".
 std::string HeaderDifference(const std::string& there, const std::string& here);
 
 }  // namespace raylift

@@ -17,7 +17,7 @@ namespace {
 constexpr std::string_view kExpected =
     "expected i/n with 0 <= i <= n (i from 0 or from 1), auto, or auto/N";
 
-// How a launcher tells a process which of how many it is.
+// The variables by which a launcher tells a process its rank and their count.
 struct Launcher {
   enum class Kind {
     kArray,  // jobs that are submitted together; each may be several tasks
@@ -55,13 +55,13 @@ constexpr auto kLaunchers = std::to_array<Launcher>({
     {"srun", kStep, "SLURM_PROCID", "SLURM_STEP_NUM_TASKS"},
 });
 
-// Which of how many, as one launcher tells it.
+// A process's rank and their count, as one launcher tells it.
 struct Rank {
   std::string_view launcher;
   Launcher::Kind kind;
   std::string_view variable;  // of the index
   int64_t index;
-  std::optional<int64_t> count;  // none: is not told
+  std::optional<int64_t> count;  // nullopt: not told
 
   std::string Text() const {
     return fmt::format("{}: {} of {}", launcher, index, count ? std::to_string(*count) : "?");
@@ -114,7 +114,7 @@ class LauncherRanks {
     const auto first = Number(launcher.first);
     const auto last = Number(launcher.last);
     const auto step = Number(launcher.step);
-    const std::optional<int64_t> count = Number(launcher.count);  // none where it has no name
+    const std::optional<int64_t> count = Number(launcher.count);  // nullopt where it has no name
     const std::string remedy =
         fmt::format("; say of how many it is one: auto/N where the indices count from 0, or ${}/N",
                     launcher.index);
@@ -190,7 +190,7 @@ class AutoShard {
         fmt::format("the environment says two things ({}; {}): give i/n", a.Text(), b.Text()));
   }
 
-  // Which job of an array this is.
+  // Returns the rank of this job in its array.
   std::optional<Rank> Array() const {
     const std::vector<Rank> ranks = ranks_.Of({kArray});
     if (ranks.empty()) return std::nullopt;
@@ -219,7 +219,7 @@ class AutoShard {
     return common;
   }
 
-  // Which process of a parallel run this is.
+  // Returns the rank of this process in a parallel run.
   std::optional<Rank> Task(bool in_array) const {
     std::vector<Rank> tasks = ranks_.Of({kTasks, kLoose});
     const std::vector<Rank> steps = ranks_.Of({kStep});

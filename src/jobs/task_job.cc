@@ -25,7 +25,7 @@ using std::filesystem::path;
       fmt::format("{} is of a former run; resume = true keeps what is done", file.string()));
 }
 
-// The same line for a task that is at another place of the list now.
+// Returns the same line for a task that is at another place of the list now.
 std::string AtPlace(const std::string& line, size_t place) {
   auto json = nlohmann::ordered_json::parse(line);
   json["place"] = place;
@@ -108,7 +108,7 @@ void TaskJob::TakeFormerRuns(const std::string& header) {
   }
 }
 
-// The list of tasks may have become another one.
+// Takes a record over; the list of tasks may have changed.
 bool TaskJob::TakeRecord(size_t task, const TaskManifest& from, TaskManifest& to) const {
   const auto record = from.records.find(keys_[task]);
   if (record == from.records.end()) return false;
@@ -133,7 +133,7 @@ std::vector<size_t> TaskJob::WithoutFiles(const TaskManifest& manifest, FileChec
   return without;
 }
 
-// All that this run has promised, but for the results.
+// Requires all files that this run has promised, except the results.
 void TaskJob::RequireFiles() const {
   std::vector<PromisedFile> files = FilesOfLine(manifest_.facts.value_or(""));
   for (const auto& [key, record] : manifest_.records) {

@@ -1,4 +1,5 @@
-// The images that a scene is calibrated by, their matches, and what these say of the references.
+// Chooses the images that a scene is calibrated by, with their matches, and computes what these
+// tell of the references.
 
 #pragma once
 
@@ -19,9 +20,9 @@
 
 namespace raylift {
 
-// The first matches that a source is asked for are kept, up to so much memory: a scene is
-// calibrated by matches that are asked for again when it is their query's turn. Thread safe. The
-// source must not be told of more references.
+// Keeps the first matches that a source is asked for, up to so much memory: a scene is calibrated
+// by matches that are asked for again when their query is localized. Thread safe. The source must
+// not be told of more references.
 class CachedMatches final : public MatchSource {
  public:
   explicit CachedMatches(std::shared_ptr<const MatchSource> source,
@@ -53,8 +54,8 @@ struct CalibrationImages {
   std::shared_ptr<const MatchSource> matches;  // knows these images by their names
 };
 
-// The references, where they are the queries or the source matches them with each other; else the
-// queries. Depth and noise ask for the same matches, which the source should keep.
+// Returns the references, where they are the queries or the source matches them with each other;
+// else the queries. Depth and noise ask for the same matches, which the source should keep.
 CalibrationImages ImagesToCalibrateBy(const ReferenceSet& references,
                                       const std::shared_ptr<const MatchSource>& matches,
                                       std::span<const Query> queries);
@@ -69,7 +70,7 @@ std::vector<size_t> OrderByName(std::span<const Query> queries);
 // stand in.
 std::vector<size_t> SampleByName(std::span<const Query> queries, size_t count);
 
-// The images that noise is learned from: some 30.
+// Returns the images that noise is learned from: some 30.
 std::vector<size_t> NoiseSample(std::span<const Query> images);
 
 // Returns the matches between references that the images' matches imply, on which depth alignment

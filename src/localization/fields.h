@@ -1,4 +1,5 @@
-// The options of matching and of joining the references, and the counts of the stages, as fields.
+// Lists the options of matching and of joining the references, and the counts of the stages, as
+// fields.
 
 #pragma once
 
@@ -12,7 +13,7 @@
 
 namespace raylift {
 
-// The filter's counts among them; without the points of each source and the noise.
+// Returns the counts, with the filter's; without the points of each source and the noise.
 std::vector<Field> FieldsOf(StageCounts& counts);
 std::vector<Field> FieldsOf(JoinGateOptions& options);
 std::vector<Field> FieldsOf(MatchReading& reading);

@@ -79,7 +79,8 @@ void LocalizeAll::Calibrate() {
       cached_, options_.localizer);
 }
 
-// What fewer than three images tell is not learned, nor what a configuration knows or does not use.
+// Learns the match noise, unless fewer than three images tell it, or a configuration knows it or
+// does not use it.
 void LocalizeAll::LearnMatchNoise() {
   std::vector<size_t> learning;
   for (size_t i = 0; i < configurations_.size(); ++i) {
@@ -223,7 +224,7 @@ void LocalizeAll::RunContinuously(ContinuousRun run) {
   LocalizeContinuously(queries_, growing, run);
 }
 
-// What comes after the pose.
+// Runs the stages after the pose.
 void LocalizeAll::Complete(size_t query, const Localizer& localizer, QueryResult& result) {
   if (options_.rerenderer != nullptr) {
     options_.rerenderer->Improve(queries_[query], localizer.estimator(), result,
@@ -248,7 +249,8 @@ std::vector<std::string> LocalizeAll::InputWarnings() {
   return DoctorWarnings();
 }
 
-// A few queries say little of the references: those say the rest themselves.
+// Returns matches among the references. A few queries tell little of the references; the references
+// themselves tell the rest.
 std::vector<ReferenceMatch> LocalizeAll::MatchesAmongReferences() const {
   if (options_.one_by_one || scene().rendered != nullptr || !cached_->MatchesReferences())
     return {};
@@ -260,7 +262,7 @@ std::vector<ReferenceMatch> LocalizeAll::MatchesAmongReferences() const {
   return CollectReferenceMatches(asked, *images.matches, scene().references, options_.threads);
 }
 
-// The doctor sees sources as they were read: that their depth was corrected hides how.
+// Runs the doctor on sources as they were read: their correction would hide a wrong reading.
 std::vector<std::string> LocalizeAll::DoctorWarnings() const {
   std::vector<std::string> warnings;
   const std::vector<ReferenceMatch> more = MatchesAmongReferences();

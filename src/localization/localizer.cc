@@ -67,7 +67,7 @@ std::optional<RangePrior::Plane> PlaneAhead(const RayCaster& surface, const Pose
                            std::sqrt(sum / static_cast<double>(points.size()))};
 }
 
-// The options with what the scene's calibration knows and they do not say.
+// Returns the options, completed by the scene's calibration.
 LocalizerOptions WithCalibration(const Scene& scene, LocalizerOptions options) {
   if (scene.calibration == nullptr) return options;
   const SceneCalibration& known = *scene.calibration;
@@ -229,7 +229,7 @@ void Localizer::Lift(QueryResult& result) const {
   result.localized.times.lift_ms += 1e3 * clock.Seconds();
 }
 
-// The filter judges each candidate by itself, so that bad ones do not come into the merged point.
+// Filters each candidate by itself, so that bad ones do not come into the merged point.
 void Localizer::Filter(QueryResult& result) const {
   PoseProblem& problem = result.problem;
   StageCounts& counts = result.localized.counts;
@@ -249,7 +249,7 @@ PoseEstimate Localizer::EstimateProblem(PoseProblem& problem) const {
   constexpr int kLooks = 2;  // the second is from where the range has put the camera
   PoseEstimate estimate = estimator_->Estimate(problem);
   auto& range = problem.priors.range;
-  // Of another's estimator nobody knows whether it asks for ranges.
+  // A custom estimator may not use ranges.
   const auto surface = range && own_estimator_ ? scene_->Surface() : nullptr;
   for (int i = 0; i < kLooks && surface != nullptr && estimate.cam_from_world; ++i) {
     const auto plane = PlaneAhead(*surface, estimate, range->range);

@@ -59,7 +59,7 @@ double MedianDepth(const QueryResult& result) {
   return UpperMedianOr(std::move(depths), 0);
 }
 
-// The pose itself, then those around it, all looking at the point at `depth` on its axis.
+// Returns the pose itself, then those around it, all looking at the point at `depth` on its axis.
 std::vector<Rigid3> PosesAround(const Rigid3& cam_from_world, double depth, double around_deg) {
   std::vector<Rigid3> poses = {cam_from_world};
   if (!(around_deg > 0) || !(depth > 0)) return poses;
@@ -101,7 +101,7 @@ std::optional<Candidate> EstimateOf(PoseProblem problem, const PoseEstimator& es
   return Candidate{std::move(problem), std::move(estimate)};
 }
 
-// One query's rounds.
+// Runs the rounds of one query.
 class Rounds {
  public:
   // `photograph` is gray.
@@ -257,7 +257,8 @@ constexpr int kMaxPatches = 600;
 // Shares of the longer side: half a patch's side, and how far from its place it is looked for.
 constexpr double kHalfSide = 1.0 / 40;
 constexpr double kSearchRadius = 0.02;
-// Its square is the share of the patch's variance that the photograph shows, one half here.
+// The least correlation. Its square is the share of the patch's variance that the photograph shows,
+// one half here.
 constexpr double kLeastCorrelation = 0.7071;
 
 cv::Mat ToFloat(const Image& gray, cv::Size size) {
@@ -273,7 +274,7 @@ std::vector<cv::Point> Corners(const cv::Mat& rendering, const Image& mask, int 
   const int side_px = 2 * half_px + 1;
   cv::erode(AsMat(mask), inside, cv::Mat::ones(side_px, side_px, CV_8U), {-1, -1}, 1,
             cv::BORDER_CONSTANT, cv::Scalar::all(0));
-  // As many as there are: a weak one is a corner, too, and the correlation judges it.
+  // All corners are taken: a weak one is a corner, too, and the correlation judges it.
   constexpr double kLeastQuality = 1e-4;
   std::vector<cv::Point2f> found;
   cv::goodFeaturesToTrack(rendering, found, kMaxPatches, kLeastQuality, half_px / 2.0, inside,

@@ -28,8 +28,8 @@ struct RerenderOptions {
   // Poses around the estimated one: to the left, right, above and below of it on a circle of this
   // angle around the middle of what the query shows; 0: none.
   double around_deg = 6;
-  // A match with a picture counts only where its point, seen from the pose so far, lies this near
-  // to the query's keypoint, as a share of the longer side: a pose that is roughly right tells
+  // The farthest that the point of a match with a picture, projected by the pose so far, may lie
+  // from the query's keypoint, as a share of the longer side: a pose that is roughly right tells
   // where to look, which is why the ratio test can be weaker than among the references.
   double search_radius = 0.05;
   double max_ratio = 0.9;
@@ -43,9 +43,9 @@ struct RerenderOptions {
   double reprojection_threshold_px = 8;  // the estimator's
 };
 
-// How well 2D-3D matches support a pose: the sum over the query's keypoints of 1 - e^2 / t^2, not
-// below 0, e being the smallest reprojection error of the keypoint's matches and t the threshold. A
-// keypoint with many matches counts once.
+// Returns how well 2D-3D matches support a pose: the sum over the query's keypoints of 1 - e^2 /
+// t^2, not below 0, e being the smallest reprojection error of the keypoint's matches and t the
+// threshold. A keypoint with many matches counts once.
 double KeypointSupport(const Camera& camera, const Rigid3& cam_from_world,
                        std::span<const Match2D3D> matches, double threshold_px);
 
@@ -74,8 +74,8 @@ class Rerenderer {
   // with the retrieved references and the 2D-3D matches with the pictures of this round, and its
   // pose is kept where it is at least as sure as `min_confidence` and KeypointSupport by these
   // 2D-3D matches is above that of the pose before. Patches are looked for only where the pose has
-  // them, and so make it sharper but not surer. The result then is that of the kept round, with
-  // its matches, and counts the rounds. The same on any thread; InputError where the query's
+  // them, and so make it sharper but not surer. The result then is that of the kept round, with its
+  // matches, and counts the rounds. The same on any thread; Throws InputError where the query's
   // photograph cannot be read or does not have its camera's size.
   void Improve(const Query& query, const PoseEstimator& estimator, QueryResult& result,
                double min_confidence = 0) const;

@@ -1,4 +1,4 @@
-// One pose problem of a rig's photographs, and what its estimate says of each of them.
+// Joins the pose problems of a rig's photographs to one, and splits its estimate by photograph.
 
 #pragma once
 
@@ -10,12 +10,12 @@
 
 namespace raylift {
 
-// The first photograph's camera is the query's own. References that several of them have, by name,
-// are one; covisibility clusters are left out.
+// Joins the problems. The first photograph's camera is the query's own. References that several of
+// them have, by name, are one; covisibility clusters are left out.
 PoseProblem JoinProblems(std::span<const PoseProblem* const> photographs,
                          std::span<const Rigid3> cam_from_rig);
 
-// The rig's estimate for the camera of one of the photographs: its pose, with that pose's
+// Returns the rig's estimate for the camera of one of the photographs: its pose, with that pose's
 // covariance, and the inliers among its own matches. Scores, confidence and verdict are the rig's.
 PoseEstimate EstimateOfCamera(const PoseProblem& joined, const PoseEstimate& estimate, int camera);
 

@@ -22,16 +22,15 @@ using Coord = openvdb::Coord;
 
 constexpr int kSide = Leaf::DIM;
 constexpr size_t kBlocksPerItem = 64;
-// Distances and weights.
+// The memory of a block: distances and weights.
 constexpr size_t kBlockBytes = 2 * (sizeof(Leaf) + Leaf::SIZE * sizeof(float));
-// Of a slanted surface, what lies behind it is not said farther along the ray than that, in
-// truncations.
+// The farthest behind a slanted surface, along the ray, that a view still measures, in truncations.
 constexpr double kMostReach = 1.5;
-// Neighboring points of a surface differ by no more than their distance, and noise: where they
-// differ by more, what was seen ends. In voxels.
+// The largest difference, in voxels, between neighboring points of a surface: they differ by no
+// more than their distance, and noise; where they differ by more, the surface that was seen ends.
 constexpr float kMostStep = 2.5F;
 
-// The rays of a view, as far as blocks are made along them.
+// Lists the blocks along the rays of a view.
 class BlockList {
  public:
   BlockList(const ViewPlanes& seen, const DistanceGridOptions& options)
@@ -92,7 +91,7 @@ class BlockList {
   size_t num_different_ = 0;  // of those before duplicates were left out last
 };
 
-// What a view says of points of the grid; distances in voxels.
+// Computes the distances of the grid's points from a view's surface, in voxels.
 class ViewDistances {
  public:
   ViewDistances(const ViewPlanes& seen, const DistanceGridOptions& options)
@@ -125,7 +124,7 @@ class ViewDistances {
     return grid_origin_in_cam_ + steps_ * Vector3d(corner.x(), corner.y(), corner.z());
   }
 
-  // Whether a block about this point cannot be seen.
+  // Returns whether a block about this point cannot be seen.
   bool IsOutside(const Vector3d& center) const {
     const double radius = 0.87 * kSide * voxel_;
     const double depth = camera_.DepthOf(center);
@@ -170,7 +169,7 @@ class ViewDistances {
   Vector3d grid_origin_in_cam_;
 };
 
-// Where the surface crosses an edge of the grid, between two points that were seen.
+// The point in which the surface crosses an edge of the grid, between two points that were seen.
 struct Crossing {
   Coord from;
   int axis;     // along which the edge goes on
@@ -194,8 +193,9 @@ void AddCrossings(const Coord& at, float distance, const Accessor& distances,
   }
 }
 
-// A vertex in each cell that the surface crosses, at the mean of where it crosses the cell's edges,
-// and two triangles around each of these edges: Gibson's surface nets (1998).
+// Extracts the surface: a vertex in each cell that the surface crosses, at the mean of its
+// crossings of the cell's edges, and two triangles around each of these edges, as Gibson's surface
+// nets (1998).
 class SurfaceNet {
  public:
   explicit SurfaceNet(const DistanceGridOptions& options)
@@ -219,7 +219,7 @@ class SurfaceNet {
     quads_.push_back(around);
   }
 
-  // Of each quad the shorter diagonal is an edge.
+  // The shorter diagonal of each quad is an edge.
   ZeroSurface ToSurface() const {
     ZeroSurface surface;
     surface.vertices.reserve(sums_.size());
@@ -296,7 +296,7 @@ struct DistanceGrid::Impl {
     });
   }
 
-  // Of each block, in their order.
+  // Returns the crossings of each block, in the order of the blocks.
   std::vector<std::vector<Crossing>> Crossings() {
     std::vector<std::vector<Crossing>> crossings(blocks.size());
     ForBlocks([&](size_t block) {

@@ -18,10 +18,10 @@ namespace raylift {
 struct DistanceGridOptions {
   double voxel = 0;
   double truncation = 0;
-  // About which coordinates are counted, near the scene.
+  // The origin of the grid's coordinates, near the scene.
   Eigen::Vector3d origin_in_world = Eigen::Vector3d::Zero();
   int threads = 0;
-  // With a block that goes beyond it, no more are made.
+  // No more blocks are made once one exceeds this.
   size_t max_bytes = std::numeric_limits<size_t>::max();
 };
 
@@ -40,7 +40,8 @@ class DistanceGrid {
   void MakeBlocks(std::span<const ViewPlanes> views);
   // Adds what a view says of all blocks.
   void Add(const ViewPlanes& view);
-  // Where the distances are zero between points that were seen. The grid is of no more use then.
+  // Returns the surface on which the distances are zero between points that were seen. The grid
+  // cannot be used afterwards.
   ZeroSurface Surface();
 
   size_t MemoryBytes() const;

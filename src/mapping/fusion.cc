@@ -47,8 +47,8 @@ double TruncationOf(const FusionOptions& options, const ViewScale& scale, double
   return truncation;
 }
 
-// Near the scene, on whole voxels of a grid about the world's origin, so that a view more changes
-// no other place's points.
+// Returns an origin near the scene, on whole voxels of a grid about the world's origin, so that one
+// more view does not move the grid's points elsewhere.
 Vector3d OriginOf(std::span<const PosedImage> views, double voxel) {
   Vector3d mean = Vector3d::Zero();
   for (const PosedImage& view : views) mean += view.cam_from_world.OriginInSource();

@@ -19,7 +19,7 @@ namespace {
 
 using std::filesystem::path;
 
-// A reference of the map that is written, and its entries where they are new.
+// A reference of the map that is written, with its entries where they are new.
 struct Entry {
   PosedImage image;
   bool is_new = true;

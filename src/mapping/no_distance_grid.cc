@@ -1,4 +1,4 @@
-// What stands for the grid in a build without OpenVDB.
+// Replaces the grid in a build without OpenVDB.
 
 #include "mapping/distance_grid.h"
 

@@ -24,7 +24,7 @@ constexpr int kRowsPerBatch = 32;
 constexpr size_t kSampledViews = 32;
 constexpr int kSampledPixels = 300;
 constexpr size_t kNeighbors = 6;
-// Two depths that differ by more are of different surfaces.
+// Depths that differ by more than this share are of different surfaces.
 constexpr double kSameSurface = 0.2;
 
 bool IsClear(const SurfacePoint& point) {
@@ -42,8 +42,8 @@ void SetPlane(const Eigen::Vector3d& normal, const Eigen::Vector3d& point, doubl
                      : static_cast<float>(cosine * unit * unit / (sigma * sigma + unit * unit / 4));
 }
 
-// How many pixels about one tell the slopes of a plane to kSlopeNoise: their deviation is that of
-// the depth over the root of the sum of the squares of the pixels' distances.
+// Returns the radius in pixels of a window that tells the slopes of a plane to kSlopeNoise: their
+// deviation is that of the depth over the root of the sum of the squares of the pixels' distances.
 int RadiusOf(const ViewScale& scale, double focal_px) {
   constexpr double kSlopeNoise = 0.15;
   constexpr int kMostRadius = 5;
@@ -56,7 +56,8 @@ int RadiusOf(const ViewScale& scale, double focal_px) {
   return radius;
 }
 
-// The inverse depth about a pixel, which is linear on a plane: its value there, and its slopes.
+// Fits the inverse depth about a pixel, which is linear on a plane: returns its value there, and
+// its slopes.
 std::optional<Eigen::Vector3d> FitInverseDepth(std::span<const float> depths, PlaneSize size, int x,
                                                int y, int radius, double same_share) {
   constexpr double kLeastPixels = 6;
@@ -119,7 +120,7 @@ void FitPlanes(int radius, const ViewScale& scale, double unit, ViewPlanes& seen
   }
 }
 
-// The indices of the views whose centers are the nearest to that of one.
+// Returns the indices of the views whose centers are the nearest to that of one.
 std::vector<size_t> NearestViews(std::span<const PosedImage> views, size_t to) {
   std::vector<std::pair<double, size_t>> others;
   const Eigen::Vector3d center = views[to].cam_from_world.OriginInSource();

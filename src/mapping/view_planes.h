@@ -1,4 +1,4 @@
-// What a view sees, pixel by pixel, as planes.
+// Measures planes of the surface that a view sees, pixel by pixel.
 
 #pragma once
 
@@ -13,8 +13,8 @@
 
 namespace raylift {
 
-// The plane of the surface about a pixel, in the camera's frame: its points have
-// normal . point = offset, and those before it, on the camera's side, more.
+// The plane of the surface about a pixel, in the camera's frame: normal . point = offset for its
+// points, and more for points in front of it, on the camera's side.
 struct PixelPlane {
   Eigen::Vector3f normal_in_cam;
   float offset;
@@ -28,15 +28,15 @@ struct ViewPlanes {
   double max_depth = 0;            // 0: nothing is seen at all
 };
 
-// Where the depth is rough, planes are fitted to the depth about each pixel, as far around as their
-// normals need it. Weights are those of a standard deviation of one `unit`, and fall as the surface
-// is slanted: the deviation is the source's own where it knows one, else the noise of the views,
-// and at least half a unit. Pixels beside a jump of depth are left out: what they show is neither.
+// Looks through the pixels of a view. Where the depth is rough, planes are fitted to the depth
+// about each pixel, as far around as their normals need it. Weights are relative to a standard
+// deviation of one `unit`, and fall as the surface is slanted: the deviation is the source's own
+// where it knows one, else the noise of the views, and at least half a unit. Pixels beside a jump
+// of depth are left out, as they may show neither surface.
 ViewPlanes LookForPlanes(const GeometrySource& source, const PosedImage& view,
                          const ViewScale& scale, double unit);
 
-// By a sample of pixels of some 30 views, of which the views nearest to each are asked for the same
-// surface.
+// Measures the scale by a sample of pixels of some 30 views and the views nearest to each.
 ViewScale MeasureScale(const GeometrySource& source, std::span<const PosedImage> views,
                        int threads);
 

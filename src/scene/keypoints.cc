@@ -17,7 +17,7 @@ struct KeypointIndices {
   std::vector<int> of_2d3d;
 };
 
-// The given indices, and for matches without one those by their pixels; of each camera by itself.
+// Completes the given indices by the pixels of the matches without one, for each camera by itself.
 class IndexCompletion {
  public:
   IndexCompletion(std::span<const Match2D2D> matches_2d2d,

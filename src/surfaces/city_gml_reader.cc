@@ -1,4 +1,4 @@
-// CityGML 1.0 and 2.0 (OGC 12-019): objects with properties as lod2Solid, whose surfaces are
+// Reads CityGML 1.0 and 2.0 (OGC 12-019): objects with properties as lod2Solid, whose surfaces are
 // polygons of GML 3.1 or refer to those of other properties.
 
 #include <algorithm>

@@ -1,5 +1,5 @@
-// CityJSON 1.0 to 2.0 (cityjson.org): surfaces are lists of indices into vertices, which are whole
-// numbers to be scaled and moved.
+// Reads CityJSON 1.0 to 2.0 (cityjson.org): surfaces are lists of indices into vertices, which are
+// integers to be scaled and shifted.
 
 #include <algorithm>
 #include <cmath>
@@ -52,8 +52,8 @@ std::string TypeOf(const Json& object) {
   return type.is_string() ? type.get<std::string>() : "";
 }
 
-// Where the corners of surfaces are: vertices of the file, or of a template that is moved; and
-// which kinds of surfaces there are.
+// The corners of surfaces, which are vertices of the file or of a template that is moved; and the
+// kinds of surfaces.
 struct Vertices {
   const std::vector<Vector3d>& points;
   std::optional<Eigen::Matrix<double, 3, 4>> world_from_template;

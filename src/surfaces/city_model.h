@@ -1,6 +1,6 @@
-// City models: what CityJSON and CityGML have in common. Objects are of some levels of detail
-// (LoD), of which one is taken; their surfaces are polygons with holes; coordinates are of a system
-// that the file names.
+// Collects city models, in the form that CityJSON and CityGML have in common. Objects are of some
+// levels of detail (LoD), of which one is taken; their surfaces are polygons with holes;
+// coordinates are of a system that the file names.
 
 #pragma once
 
@@ -47,8 +47,8 @@ class CityMesh {
 
   // Looks at where the surfaces that were added are. `system` is what the file says: a URN, a URL
   // or a short name of an EPSG code, of a compound system, or as German surveys write it. Throws
-  // InputError where it is in degrees; warns where it is unknown, not meant for this place or has
-  // northings before eastings that cannot be told from them.
+  // Throws InputError where it is in degrees; warns where it is unknown, not meant for this place
+  // or has northings before eastings that cannot be told from them.
   void CheckPlace(const std::string& field, const std::string& system);
 
   RawMesh Finish() &&;

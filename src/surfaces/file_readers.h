@@ -1,5 +1,5 @@
-// The formats of meshes and point clouds, a reader each. `contents` is the whole file; `path` is
-// for messages and for what lies beside the file.
+// Reads meshes and point clouds, with a reader for each format. `contents` is the whole file;
+// `path` is for messages and for files beside it.
 
 #pragma once
 
@@ -28,8 +28,8 @@ namespace raylift {
 RawMesh ReadPly(const std::filesystem::path& path, const PlyHeader& header,
                 std::string_view contents);
 
-// The fast path for nearly all large meshes: binary PLY files of this machine's byte order whose
-// faces are triangles, read from the mapped file straight into the mesh, in parallel. Returns what
+// Reads nearly all large meshes fast: binary PLY files of this machine's byte order whose faces are
+// triangles, read from the mapped file straight into the mesh, in parallel. Returns what
 // FinishMesh(ReadPly(...)) does, but with vertices in the file's order; nullopt if the file needs
 // the general reader: another layout, textures, polygons, anything wrong that it will name.
 std::optional<TriangleMesh> ReadPlyTriangles(const std::filesystem::path& path,
@@ -48,17 +48,17 @@ RawMesh ReadWithAssimp(const std::filesystem::path& path);
 // glTF is a file, which may name others, or binary in one.
 enum class GltfPlace { kFile, kPartOfFile };
 
-// Reads glTF 2, text or binary, in the frame that it states: the meshes of all nodes that are shown,
-// with instances (EXT_mesh_gpu_instancing), compressed (Draco, meshoptimizer) and quantized ones;
-// the places of nodes stay double. `z_up_from_gltf` is how its axes are turned later, as
+// Reads glTF 2, text or binary, in the frame that it states: the meshes of all nodes that are
+// shown, with instances (EXT_mesh_gpu_instancing), compressed (Draco, meshoptimizer) and quantized
+// ones; the places of nodes stay double. `z_up_from_gltf` is how its axes are turned later, as
 // CESIUM_RTC's center is in those. Throws InputError naming the file and the JSON path of what is
-// wrong, and where the file requires an extension that is not read.
-// `copies`: where the whole of it stands, in its own axes; once as it is if there are none.
+// wrong, and where the file requires an extension that is not read. `copies`: where the whole of it
+// stands, in its own axes; once as it is if there are none.
 RawMesh ReadGltf(const std::filesystem::path& path, std::string_view contents, GltfPlace place,
                  const Eigen::Matrix3d& z_up_from_gltf,
                  std::span<const Eigen::Affine3d> copies = {});
 
-// glTF's y is up, z towards the viewer.
+// Returns the rotation from glTF's axes, y up and z toward the viewer, to z up.
 Eigen::Matrix3d ZUpFromYUp();
 
 // Reads 3D Tiles, the root's JSON: all tiles that show it as one mesh. Throws InputError naming the

@@ -53,7 +53,8 @@ bool WithType(uint64_t component_type, const Use& use) {
   }
 }
 
-// A normalized integer stands for its share of the largest one, but -128 is -1, too.
+// Converts a number; a normalized integer stands for its share of the largest one, but -128 is -1,
+// too.
 template <typename Out, typename In>
 Out Converted(In in, bool is_normalized) {
   if constexpr (std::integral<In> && std::floating_point<Out>) {
@@ -76,7 +77,7 @@ void RequireUnsigned(const JsonPlace& place, uint64_t component_type) {
 
 }  // namespace
 
-// How the numbers of an accessor lie in its bytes.
+// The layout of an accessor's numbers in its bytes.
 struct GltfFile::Items {
   std::string_view bytes;  // from the first item on; empty: all are zero
   size_t stride = 0;
@@ -132,8 +133,8 @@ GltfFile::GltfFile(const std::filesystem::path& path, std::string_view contents,
   }
 }
 
-// A binary file has a header of the magic word, the version and its size, then a chunk of JSON and
-// one of data, each of a length, a name and its bytes.
+// Takes the JSON. A binary file has a header of the magic word, the version and its size, then a
+// chunk of JSON and one of data, each of a length, a name and its bytes.
 std::string_view GltfFile::TakeJson() {
   if (!rest_.starts_with("glTF")) return rest_;
   uint32_t version = 0;
@@ -185,7 +186,8 @@ std::optional<std::string> GltfFile::DataOfUri(const JsonPlace& uri) const {
     }
     return uri.Blame([&] { return DecodeBase64(std::string_view(text).substr(comma + 1)); });
   }
-  // What is shown as a picture or written as a mesh may not be any file of this machine.
+  // A file whose bytes are shown as a picture or written as a mesh must not be any file of this
+  // machine.
   if (const std::string named = DecodedUri(text); !MayBeRead(named)) {
     uri.Fail(
         fmt::format("expected a file below the scene's folder, found {}; "
@@ -221,7 +223,7 @@ std::string_view GltfFile::ReadBuffer(size_t index) {
   return bytes.substr(0, size);
 }
 
-// A place has the members buffer, byteOffset and byteLength.
+// Returns a part of a buffer, by the members buffer, byteOffset and byteLength.
 std::string_view GltfFile::PartOfBuffer(const JsonPlace& place) {
   const JsonPlace index = place.Member("buffer");
   const std::string_view bytes = Buffer(Index("buffers", index));

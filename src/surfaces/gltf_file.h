@@ -1,5 +1,5 @@
-// The parts of a glTF 2 file: its JSON, its buffers, the numbers that its accessors say, what
-// compresses them, and its nodes.
+// Reads the parts of a glTF 2 file: its JSON, its buffers, the numbers of its accessors, compressed
+// data, and its nodes.
 
 #pragma once
 
@@ -22,8 +22,8 @@
 
 namespace raylift {
 
-// What compresses glTF: Draco (KHR_draco_mesh_compression) and meshoptimizer
-// (EXT_meshopt_compression).
+// Decompresses glTF's Draco (KHR_draco_mesh_compression) and meshoptimizer
+// (EXT_meshopt_compression) data.
 
 // An attribute of vertices: `components` numbers of each, one vertex after the other.
 struct VertexNumbers {
@@ -33,7 +33,7 @@ struct VertexNumbers {
   size_t count() const { return components == 0 ? 0 : values.size() / components; }
 };
 
-// What is wanted of a mesh that Draco compressed.
+// The attribute that is to be read from a mesh that Draco compressed.
 struct DracoAttribute {
   uint32_t id;
   size_t components;
@@ -82,14 +82,15 @@ Eigen::Matrix<double, N, 1> VectorOr(const JsonPlace& place, std::string_view me
   return vector.Vector<N>();
 }
 
-// Of an attribute, whose components are N.
+// Returns a vertex's numbers of an attribute with N components.
 template <int N>
 Eigen::Matrix<double, N, 1> ItemOf(const VertexNumbers& numbers, size_t index) {
   return Eigen::Map<const Eigen::Matrix<float, N, 1>>(&numbers.values[N * index])
       .template cast<double>();
 }
 
-// What is read is checked when it is: the members throw InputError that names file and JSON path.
+// A glTF file. Data are checked when they are read: the members throw InputError that names file
+// and JSON path.
 class GltfFile {
  public:
   // `contents` must outlive the object.
@@ -98,19 +99,20 @@ class GltfFile {
   const JsonPlace& root() const { return root_; }
   size_t CountItems(const std::string& list) const;
   JsonPlace Item(const std::string& list, size_t index) const;
-  // The index of an item of a list that stands at a place.
+  // Returns the index of an item of a list that stands at a place.
   size_t Index(const std::string& list, const JsonPlace& index) const;
 
-  // The bytes of a buffer view, decompressed where they must be; valid as long as the file is.
+  // Returns the bytes of a buffer view, decompressed where they must be; valid as long as the file
+  // is.
   std::string_view BytesOfView(const JsonPlace& index);
 
-  // The items of an accessor, each of `components` numbers; 0: as many as it has, 3 or 4.
+  // Reads the items of an accessor, each of `components` numbers; 0: as many as it has, 3 or 4.
   // Normalized integers become numbers up to 1.
   VertexNumbers ReadNumbers(const JsonPlace& index, size_t components);
-  // The same of the accessor that a member names; no numbers where there is no such member.
+  // Reads the accessor that a member names; returns no numbers where there is no such member.
   VertexNumbers ReadAttribute(const JsonPlace& attributes, std::string_view name,
                               size_t components);
-  // Unsigned integers.
+  // Reads unsigned integers.
   std::vector<uint32_t> ReadIndices(const JsonPlace& index);
 
   // Returns what a URI holds that carries its data itself; nullopt where it names a file, whose
@@ -151,7 +153,7 @@ class GltfFile {
   std::deque<MappedFile> files_;
 };
 
-// The tree of a file's nodes: which meshes are shown, and where.
+// Reads the tree of a file's nodes, which place its meshes.
 
 // A mesh of the file where a node (or an instance of it) puts it.
 struct GltfInstance {

@@ -13,7 +13,7 @@ namespace {
 
 using Eigen::Affine3d;
 
-// translation * rotation (x, y, z, w) * scale.
+// Returns translation * rotation (x, y, z, w) * scale.
 Affine3d PlaceOf(const Eigen::Vector3d& translation, const Eigen::Vector4d& rotation,
                  const Eigen::Vector3d& scale) {
   return Affine3d(Eigen::Translation3d(translation))

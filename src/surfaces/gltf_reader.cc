@@ -1,4 +1,4 @@
-// glTF 2, text and binary: all meshes of the nodes that are shown, whose places stay double.
+// Reads glTF 2, text and binary: all meshes of the nodes that are shown, whose places stay double.
 
 #include <algorithm>
 #include <array>
@@ -26,8 +26,8 @@ namespace {
 
 using Eigen::Affine3d;
 
-// Those that may be required, as they are read, or the geometry and its base color need nothing of
-// them.
+// The extensions that a file may require: they are read, or do not concern the geometry and its
+// base color.
 constexpr auto kKnownExtensions = std::to_array<std::string_view>(
     {"CESIUM_RTC", "EXT_mesh_features", "EXT_mesh_gpu_instancing", "EXT_meshopt_compression",
      "EXT_structural_metadata", "EXT_texture_webp", "KHR_draco_mesh_compression",
@@ -35,21 +35,21 @@ constexpr auto kKnownExtensions = std::to_array<std::string_view>(
 
 constexpr Rgb kWhite = {255, 255, 255};
 
-// glTF states colors in linear light.
+// Converts a color, which glTF states in linear light.
 uint8_t ByteOfLinear(float linear) {
   const double c{linear};
   return NearestByte((c <= 0.0031308 ? 12.92 * c : 1.055 * std::pow(c, 1 / 2.4) - 0.055) * 255);
 }
 
-// What the triangles of a material need besides its color or picture.
+// The texture coordinates that a material needs besides its color or picture.
 struct UvUse {
   uint64_t set = 0;
   // u to the right, v down.
   Eigen::Affine2d uv_transform = Eigen::Affine2d::Identity();
 };
 
-// translation * rotation * scale, where the rotation is counter-clockwise as a picture is looked
-// at.
+// Returns translation * rotation * scale, where the rotation is counter-clockwise as a picture is
+// looked at.
 UvUse UvUseOf(const JsonPlace& texture) {
   UvUse use{.set = CountOf(texture, "texCoord", 0)};
   IfThere(texture, {"extensions", "KHR_texture_transform"}, [&](const JsonPlace& transform) {
@@ -71,8 +71,8 @@ struct Primitive {
   size_t material = 0;
 };
 
-// The corners of triangles, of a strip of them (whose winding alternates) or of a fan; points and
-// lines have none.
+// Returns the corners of triangles, of a strip of them (whose winding alternates) or of a fan;
+// points and lines have none.
 std::vector<uint32_t> ToTriangles(uint64_t mode, std::vector<uint32_t> corners) {
   if (mode < 4 || mode > 6) return {};
   if (mode == 4) {
@@ -138,7 +138,7 @@ class MaterialReader {
     if (!mesh_.materials.empty()) mesh_.materials.push_back({.color_rgb = kWhite});
   }
 
-  // How the coordinates in the picture are found, of each material, and of none.
+  // Returns how the coordinates in a material's picture are found.
   const UvUse& UvUseOfMaterial(size_t index) const { return uv_uses_[index]; }
 
  private:

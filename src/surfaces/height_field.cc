@@ -1,4 +1,4 @@
-// Surface models: heights on a grid, from a GeoTIFF file or several that lie on one grid.
+// Reads surface models: heights on a grid, from a GeoTIFF file or several that lie on one grid.
 
 #include <algorithm>
 #include <array>
@@ -101,7 +101,7 @@ Affine2d WorldFromImage(const path& file, const GeoTiffTags& tags) {
   return place;
 }
 
-// Only lengths make a surface, and heights are meters: degrees and feet are refused.
+// Throws where a system is in degrees or feet: only lengths make a surface, and heights are meters.
 void RequireMeters(const path& file, const GeoTiffTags& tags) {
   const auto fail = [&file](std::string_view found) {
     throw InputError(file,
@@ -122,7 +122,7 @@ struct OpenedTiff {
   path file;
   TiffHeader header;
   Affine2d world_from_image;
-  // Of the mosaic that it is a part of: the column and row of its first pixel.
+  // The column and row of its first pixel in the mosaic.
   size_t column = 0, row = 0;
 };
 
@@ -208,7 +208,7 @@ struct Mosaic {
   }
 };
 
-// `most`: pixels of the whole.
+// Opens the files of a mosaic; `most` is the limit of its pixels.
 Mosaic OpenMosaic(const std::string& names, std::string_view kind, uint64_t most) {
   constexpr double kMostOffGrid = 0.01;  // of a pixel
   constexpr double kMostEmpty = 16;      // times the pixels that there are
@@ -259,7 +259,7 @@ Mosaic OpenMosaic(const std::string& names, std::string_view kind, uint64_t most
   return mosaic;
 }
 
-// Heights, NaN where there are none.
+// Returns heights, NaN where there are none.
 std::vector<float> ReadHeights(const OpenedTiff& tiff, std::vector<std::string>& warnings) {
   const path& file = tiff.file;
   const auto [width, height] = tiff.header.size;
@@ -288,7 +288,7 @@ std::vector<float> ReadHeights(const OpenedTiff& tiff, std::vector<std::string>&
     }
     none = static_cast<float>(*number);
   } else {
-    // What programs write where they say no more.
+    // Without GDAL_NODATA a usual value stands for missing heights if it is the lowest.
     float lowest = std::numeric_limits<float>::infinity();
     for (const float value : heights) lowest = std::min(lowest, value);  // of NaN the first
     constexpr std::array<float, 3> kUsual = {-9999, -32768, std::numeric_limits<float>::lowest()};
@@ -305,7 +305,7 @@ std::vector<float> ReadHeights(const OpenedTiff& tiff, std::vector<std::string>&
   return heights;
 }
 
-// The triangles between neighboring heights; the shorter step in height is the diagonal.
+// Triangulates neighboring heights; the diagonal is the one with the smaller step in height.
 class GridMesh {
  public:
   GridMesh(const std::vector<float>& heights, size_t width, const Affine2d& world_from_image,

@@ -1,4 +1,4 @@
-// Files that are read: their names, words of theirs in messages, and their bytes in memory.
+// Opens files for reading: their names, words for messages, and their bytes in memory.
 
 #pragma once
 
@@ -21,10 +21,11 @@ std::vector<std::filesystem::path> ListFiles(const std::string& files,
                                              std::span<const std::string_view> extensions,
                                              std::string_view kind, std::string_view index = {});
 
-// A word for a message: its beginning, in printable ASCII.
+// Returns the beginning of a word in printable ASCII, for a message.
 std::string Shown(std::string_view token);
 
-// The path that a URI without a scheme says: "%2e" is a dot, and a backslash is taken for a slash.
+// Returns the path that a URI without a scheme stands for: "%2e" is a dot, and a backslash is taken
+// for a slash.
 std::string DecodedUri(std::string_view uri);
 
 // Gives back the memory of a part of a mapped file's contents, which comes back from the file if

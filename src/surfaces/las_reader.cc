@@ -1,5 +1,5 @@
-// LAS, the laser scanners' format, versions 1.0 to 1.4, as the ASPRS specifies it: coordinates are
-// integers, times a scale, plus an offset. Little-endian throughout.
+// Reads LAS, the laser scanners' format, versions 1.0 to 1.4, as the ASPRS specifies it:
+// coordinates are integers, times a scale, plus an offset. Little-endian throughout.
 
 #include <algorithm>
 #include <array>

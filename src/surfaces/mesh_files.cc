@@ -83,7 +83,7 @@ struct Attributes {
   bool colors = false, coordinates = false, textures = false, faces = false, labels = false;
 };
 
-// Instances of meshes that are joined are counted on.
+// Appends labels; instances are numbered on across the joined meshes.
 void AppendLabels(TriangleMesh mesh, TriangleMesh& target) {
   const auto first_label = static_cast<uint32_t>(target.labels.size());
   for (uint32_t& label : mesh.triangle_labels) {
@@ -98,7 +98,7 @@ void AppendLabels(TriangleMesh mesh, TriangleMesh& target) {
   target.num_instances += mesh.num_instances;
 }
 
-// Returns the system that is named by those of the meshes that name one; none where they differ.
+// Returns the system that is named by those of the meshes that name one; empty where they differ.
 std::string CommonSystem(std::span<const TriangleMesh> meshes, std::vector<std::string>& warnings) {
   std::string common;
   for (const TriangleMesh& mesh : meshes) {

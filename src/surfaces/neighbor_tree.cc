@@ -25,7 +25,8 @@ NeighborTree::NeighborTree(std::span<const Eigen::Vector3f> points, int threads)
   }
 }
 
-// The points below a node (counted within its level): those of the whole, halved at each level.
+// Returns the range of the points below a node (counted within its level): the whole range, halved
+// at each level.
 NeighborTree::Range NeighborTree::RangeOf(size_t node, int level) const {
   Range range{0, items_.size()};
   for (int bit = level - 1; bit >= 0; --bit) {
@@ -48,7 +49,7 @@ void NeighborTree::SplitRange(const Range& range, Split& split) {
   split.at = items_[middle].point[split.axis];
 }
 
-// One search: `found_` is kept sorted, as it is short.
+// A search; `found_` is kept sorted, as it is short.
 class NeighborTree::Search {
  public:
   Search(const NeighborTree& tree, size_t query, std::span<Neighbor> found)

@@ -1,5 +1,5 @@
-// The nearest neighbors of points: a balanced k-d tree, for clouds of millions of points whose
-// density varies.
+// Finds the nearest neighbors of points by a balanced k-d tree, for clouds of millions of points
+// whose density varies.
 
 #pragma once
 
@@ -27,9 +27,9 @@ class NeighborTree {
   // Returns the index among the points given to the constructor.
   uint32_t IndexOf(size_t i) const { return items_[i].index; }
 
-  // The points nearest to point i, nearest first: as many as `neighbors` has room for, as far as
-  // there are. Those at one place count as one, those at the place of point i not at all. Returns
-  // those that were found.
+  // Finds the points nearest to point i, nearest first: as many as `neighbors` has room for, as far
+  // as there are. Those at one place count as one, those at the place of point i not at all.
+  // Returns those that were found.
   std::span<const Neighbor> Nearest(size_t i, std::span<Neighbor> neighbors) const;
 
  private:

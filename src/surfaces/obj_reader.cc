@@ -21,7 +21,7 @@ std::string_view Rest(std::string_view line, std::string_view keyword) {
   return Trim(line.substr(static_cast<size_t>(keyword.data() - line.data()) + keyword.size()));
 }
 
-// The file name of a texture statement; options (-s 1 1 1, -bm 0.5, ...) stand before it.
+// Returns the file name of a texture statement; options (-s 1 1 1, -bm 0.5, ...) stand before it.
 std::string_view TextureName(std::string_view line, const std::vector<std::string_view>& tokens) {
   return tokens.size() > 1 && !tokens[1].starts_with('-') ? Rest(line, tokens[0]) : tokens.back();
 }

@@ -1,5 +1,5 @@
-// PCD, the Point Cloud Library's format, as text or plain binary: a header of lines "KEY VALUE...",
-// then points with the header's fields one after the other.
+// Reads PCD, the Point Cloud Library's format, as text or plain binary: a header of lines "KEY
+// VALUE...", then points with the header's fields one after the other.
 
 #include <algorithm>
 #include <array>
@@ -32,7 +32,7 @@ struct PcdField {
   size_t token = 0;  // in a line of text
 };
 
-// The rest of the file, line by line.
+// Reads the rest of the file, line by line.
 class PcdLines {
  public:
   explicit PcdLines(std::string_view contents) : rest_(contents) {}

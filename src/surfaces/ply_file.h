@@ -62,7 +62,8 @@ struct PlyHeader {
   size_t size_bytes = 0;
 };
 
-// `contents` is the whole file; `path` is for messages. InputError where it is no PLY header.
+// Parses a header. `contents` is the whole file; `path` is for messages. Throws InputError where it
+// is no PLY header.
 PlyHeader ParsePlyHeader(const std::filesystem::path& path, std::string_view contents);
 
 // The rows of a binary element whose properties are all single numbers, by property: any order and

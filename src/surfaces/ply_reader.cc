@@ -128,7 +128,7 @@ std::optional<VertexSlot> SlotOf(std::string_view name) {
   return std::nullopt;
 }
 
-// Full intensity of a color of this type.
+// Returns the full intensity of a color of this type.
 double ColorRange(PlyType type) {
   if (type == PlyType::kFloat || type == PlyType::kDouble) return 1;
   return SizeOf(type) == 2 ? 65535 : 255;

@@ -1,4 +1,4 @@
-// Polygons as triangles, by cutting ears.
+// Triangulates polygons by cutting ears.
 
 #include <algorithm>
 #include <cmath>
@@ -18,8 +18,8 @@ double Cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
   return a.x() * b.y() - a.y() * b.x();
 }
 
-// The corners in the plane of the first `outer` ones, which are counter-clockwise there (Newell's
-// normal is their mean orientation).
+// Returns the corners in the plane of the first `outer` ones, which are counter-clockwise there
+// (Newell's normal is their mean orientation).
 std::vector<Eigen::Vector2d> ProjectToPlane(std::span<const Eigen::Vector3d> corners,
                                             size_t outer) {
   Eigen::Vector3d normal = Eigen::Vector3d::Zero();
@@ -37,7 +37,8 @@ std::vector<Eigen::Vector2d> ProjectToPlane(std::span<const Eigen::Vector3d> cor
   return flat;
 }
 
-// What may touch an ear: where ways to holes lie in line, none may be clear of all others.
+// States if other corners may touch an ear: where cuts to holes lie in line, none may be clear of
+// all others.
 enum class Touching { kRefused, kAllowed };
 
 // Returns how far rounding may move twice the area of a triangle of these corners.

@@ -17,7 +17,8 @@
 namespace raylift {
 namespace {
 
-// A surface without any color in a mesh that has colors elsewhere (the default of MTL files).
+// The color of a surface without one in a mesh that has colors elsewhere (the default of MTL
+// files).
 constexpr Rgb kDefaultColor = {204, 204, 204};
 
 std::vector<uint32_t> FirstIndices(size_t count) {
@@ -165,7 +166,7 @@ void SetTriangleTextures(const RawMesh& raw, TriangleMesh& mesh) {
   }
 }
 
-// A label for each pair of part and material that triangles have.
+// Sets a label for each pair of part and material that triangles have.
 void SetTriangleLabels(const RawMesh& raw, TriangleMesh& mesh) {
   const bool named = !raw.parts.empty() ||
                      std::any_of(raw.materials.begin(), raw.materials.end(),

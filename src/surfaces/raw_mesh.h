@@ -39,7 +39,7 @@ struct RawMesh {
   std::vector<Eigen::Vector3f> position_normals;   // of a point cloud; empty, or one per position
   std::vector<std::array<uint32_t, 3>> triangles;  // indices into `positions`, all in range
 
-  // The face of the file that each triangle is of; empty while that is its own place.
+  // The face of the file that each triangle belongs to; empty while that is its own index.
   std::vector<uint32_t> triangle_faces;
 
   std::vector<Eigen::Vector2f> uvs;
@@ -65,15 +65,15 @@ size_t AddFace(size_t face, std::span<const uint32_t> corners, std::span<const u
 // Embree takes no coordinate beyond 1.844e18; nothing that was measured comes near.
 inline constexpr double kMaxCoordinate = 1e18;
 
-// Finite, and within what Embree takes.
+// Returns whether a position is finite, and within Embree's range.
 inline bool IsUsablePosition(const Eigen::Vector3d& p) {
   return std::abs(p.x()) <= kMaxCoordinate && std::abs(p.y()) <= kMaxCoordinate &&
          std::abs(p.z()) <= kMaxCoordinate;
 }
 
-// The origin of a mesh in this box: its center, rounded to a multiple of a power of two above its
-// extent, so that it is zero for a mesh around the world's origin, and the difference of a float
-// coordinate to it is exact.
+// Returns the origin of a mesh in this box: its center, rounded to a multiple of a power of two
+// above its extent, so that it is zero for a mesh around the world's origin, and the difference of
+// a float coordinate to it is exact.
 Eigen::Vector3d ChooseMeshOrigin(const Eigen::Vector3d& low, const Eigen::Vector3d& high);
 
 bool TriangleHasNoArea(const Eigen::Vector3f& a, const Eigen::Vector3f& b,
@@ -85,8 +85,8 @@ bool TriangleHasNoArea(const Eigen::Vector3f& a, const Eigen::Vector3f& b,
 void RefuseCoarseFloats(const std::filesystem::path& path, const TriangleMesh& mesh,
                         size_t without_area, size_t triangles_in_file);
 
-// `path` is for messages only. FinishMeshIfAny returns nullopt where no triangle has finite vertices
-// and an area, FinishMesh throws InputError then.
+// `path` is for messages only. FinishMeshIfAny returns nullopt where no triangle has finite
+// vertices and an area, FinishMesh throws InputError then.
 std::optional<TriangleMesh> FinishMeshIfAny(const std::filesystem::path& path, RawMesh raw);
 TriangleMesh FinishMesh(const std::filesystem::path& path, RawMesh raw);
 
@@ -122,11 +122,11 @@ int32_t AddTextureFile(const std::filesystem::path& mesh_path, const std::string
 // Cutting ears takes cubic time at worst; a polygon beyond this is no surface that was modeled.
 inline constexpr size_t kMaxPolygonCorners = 1000;
 
-// The triangles of a (nearly) plane, simple polygon as indices into `corners`, by cutting ears;
-// concave polygons are filled correctly. `hole_begins` are the first corners of its holes, wound
-// either way, behind the outer ring. A polygon that is not simple, has a corner that is not finite
-// or too many of them comes back as a fan of the outer ring. Three corners or more in the outer
-// ring; n - 2 triangles and two more per hole, wound as the outer ring.
+// Returns the triangles of a (nearly) plane, simple polygon as indices into `corners`, by cutting
+// ears; concave polygons are filled correctly. `hole_begins` are the first corners of its holes,
+// wound either way, behind the outer ring. A polygon that is not simple, has a corner that is not
+// finite or too many of them becomes a fan of the outer ring, which must have at least three
+// corners. There are n - 2 triangles and two more per hole, wound as the outer ring.
 std::vector<std::array<uint32_t, 3>> TriangulatePolygon(std::span<const Eigen::Vector3d> corners,
                                                         std::span<const uint32_t> hole_begins = {});
 

@@ -19,7 +19,7 @@ using Triangles = std::vector<std::array<uint32_t, 3>>;
 // Numbers of cells along a side fit into these bits of a key.
 constexpr int kBitsPerSide = 21;
 
-// For each vertex the number of its cell, in the order of the cells' first vertices.
+// The number of each vertex's cell, in the order of the cells' first vertices.
 struct Cells {
   std::vector<uint32_t> of_vertex;
   uint32_t count = 0;
@@ -65,7 +65,7 @@ Coarse Coarsen(const TriangleMesh& mesh, const Eigen::Vector3f& low, double side
   return coarse;
 }
 
-// The finest, within 5 %, that has no more triangles than this.
+// Returns the finest mesh, within 5 %, that has no more triangles than this.
 Coarse FinestWithin(const TriangleMesh& mesh, size_t max_triangles) {
   Eigen::AlignedBox3f box;
   for (const Eigen::Vector3f& vertex : mesh.vertices) box.extend(vertex);
@@ -112,7 +112,7 @@ std::vector<std::array<uint8_t, 3>> ColorsOfTextures(const TriangleMesh& mesh,
 
 using Triangle = std::array<uint32_t, 3>;
 
-// Halves what is too long, once.
+// Halves edges that are too long, once.
 class Splitter {
  public:
   Splitter(float max_edge, TriangleMesh& mesh) : max_edge_(max_edge), mesh_(mesh) {}

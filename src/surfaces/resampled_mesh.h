@@ -1,4 +1,4 @@
-// Coarser and finer copies of a mesh, and samples of its surface.
+// Makes coarser and finer copies of a mesh, and samples of its surface.
 
 #pragma once
 
@@ -10,14 +10,14 @@
 
 namespace raylift {
 
-// All vertices in a cell of a grid become one, at their mean and of their mean color; textures
-// become colors of vertices. The cells are as small as no more triangles than asked for allow. A
-// mesh that has no more comes back as it is.
+// Returns a coarser mesh: all vertices in a cell of a grid become one, at their mean and of their
+// mean color; textures become colors of vertices. The cells are the smallest that give no more
+// triangles than asked for. A mesh that has no more is returned as it is.
 TriangleMesh DecimatedMesh(const TriangleMesh& mesh, size_t max_triangles);
 
-// Edges longer than `max_edge` are halved, again and again: triangles that share one stay
-// neighbors. Colors and texture coordinates are interpolated; faces and objects are known as
-// before.
+// Returns a finer mesh: edges longer than `max_edge` are halved repeatedly, and triangles that
+// share one stay neighbors. Colors and texture coordinates are interpolated; faces and objects are
+// known as before.
 TriangleMesh SplitLongEdges(const TriangleMesh& mesh, double max_edge);
 
 // Returns the sum of the areas of the triangles.

@@ -1,4 +1,4 @@
-// Splats from PLY files: as they are trained, and compressed.
+// Reads splats from PLY files: as they are trained, and compressed.
 
 #include <algorithm>
 #include <array>
@@ -22,10 +22,11 @@ namespace {
 using std::filesystem::path;
 using Column = PlyColumns::Column;
 
-// The color of a degree 0 harmonic of 1.
+// The color of a harmonic of degree 0 with the coefficient 1.
 const double kHarmonic0 = 0.5 / std::sqrt(std::numbers::pi);
 
-// A disc's third axis, in its smaller one: nothing, but for rays that run along the disc.
+// The third axis of a disc, as a share of its smaller one: negligible except for rays along the
+// disc.
 constexpr double kDiscThickness = 1e-6;
 
 // Scales are kept above this, so that their inverses are finite in float.
@@ -109,7 +110,7 @@ Eigen::Matrix<double, N, 1> RowAt(const PlyColumns& columns, size_t row,
   return values;
 }
 
-// f_rest_0, f_rest_1, ... or what stands for them: how many coefficients each channel has in them.
+// Finds f_rest_0, f_rest_1, ..., and returns how many coefficients each channel has in them.
 size_t RestPerChannel(const path& file, const PlyColumns& columns, std::vector<Column>& rest) {
   while (const auto column = columns.Find(fmt::format("f_rest_{}", rest.size()))) {
     rest.push_back(*column);
@@ -125,7 +126,7 @@ int DegreeOf(size_t rest_per_channel) {
   return static_cast<int>(std::lround(std::sqrt(static_cast<double>(rest_per_channel + 1)))) - 1;
 }
 
-// Where a row's color comes from: harmonics, or red, green and blue.
+// Reads the colors of rows: harmonics, or red, green and blue.
 class TrainedColors {
  public:
   TrainedColors(const path& file, const PlyColumns& columns) : columns_(columns) {
@@ -203,7 +204,7 @@ Splats ReadTrained(const path& file, const PlyHeader& header, std::string_view c
 
 // ---- compressed ----
 
-// Bits of a packed number as a share of their largest value.
+// Returns bits of a packed number as a share of their largest value.
 double Share(uint32_t packed, int shift, int bits) {
   const uint32_t most = (1u << bits) - 1;
   return (packed >> shift & most) / static_cast<double>(most);
@@ -213,7 +214,7 @@ Eigen::Vector3d Unpack111011(uint32_t packed) {
   return {Share(packed, 21, 11), Share(packed, 11, 10), Share(packed, 0, 11)};
 }
 
-// The largest of w, x, y, z, which the first two bits name, is left out.
+// Unpacks a rotation. The largest of w, x, y, z, which the first two bits name, is left out.
 Eigen::Vector4d UnpackRotation(uint32_t packed) {
   Eigen::Vector4d wxyz;
   const auto largest = static_cast<int>(packed >> 30);
@@ -248,7 +249,7 @@ struct ChunkRange {
   }
 };
 
-// The harmonics above degree 0 in the element sh: bytes for -4 to 4.
+// Reads the harmonics above degree 0 in the element sh: bytes for -4 to 4.
 class PackedHarmonics {
  public:
   PackedHarmonics(const path& file, const PlyHeader& header, std::string_view contents,

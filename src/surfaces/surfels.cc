@@ -20,14 +20,14 @@ namespace {
 
 constexpr size_t kPointsPerTask = 4096;
 
-// A plane is told where the points spread across it in both directions: in the narrower one by more
-// than this share of the wider one's variance, which is what float coordinates round.
+// The points around determine a plane if they spread across it in both directions: in the narrower
+// one by more than this share of the wider one's variance, which float coordinates round.
 constexpr double kNoSpread = 1e-10;
 
 using Neighbor = NeighborTree::Neighbor;
 using Neighbors = std::span<const Neighbor>;
 
-// A point and those around it, seen from the point.
+// The neighbors of a point, relative to it.
 class Neighborhood {
  public:
   void Set(const NeighborTree& tree, size_t i, Neighbors neighbors) {

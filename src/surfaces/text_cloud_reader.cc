@@ -1,4 +1,4 @@
-// Points as text, one a line: "x y z" and further columns, separated by blanks, commas or
+// Reads points as text, one a line: "x y z" and further columns, separated by blanks, commas or
 // semicolons.
 
 #include <algorithm>

@@ -6,7 +6,7 @@
 namespace raylift {
 namespace {
 
-// Means of 2 x 2 texels; an odd last row or column is left out.
+// Returns the means of 2 x 2 texels; an odd last row or column is left out.
 Image Halved(const Image& image) {
   Image half{std::max(1, image.width_px / 2), std::max(1, image.height_px / 2), 3, {}};
   half.data.resize(static_cast<size_t>(half.width_px) * static_cast<size_t>(half.height_px) * 3);
@@ -52,7 +52,7 @@ Eigen::Vector3f Bilinear(const Image& image, double u, double v) {
   return (1 - fy) * upper + fy * lower;
 }
 
-// Into [0, 1] by repetition, but 1 stays 1.
+// Returns a coordinate in [0, 1] by repetition, but 1 stays 1.
 double Repeat(float coordinate) {
   if (!std::isfinite(coordinate)) return 0;
   if (coordinate >= 0 && coordinate <= 1) return static_cast<double>(coordinate);

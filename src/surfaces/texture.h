@@ -1,5 +1,5 @@
-// A picture on a surface, filtered: bilinear between texels, and between halved copies where a
-// pixel sees many texels.
+// Samples a picture on a surface: bilinear between texels, and between halved copies where a pixel
+// covers many texels.
 
 #pragma once
 
@@ -16,8 +16,8 @@ class Texture {
   // `image` is RGB and must outlive the texture.
   explicit Texture(const Image& image);
 
-  // RGB in 0..255 at (u, v), v = 0 at the last row; the picture repeats outside [0, 1]. `level` is
-  // the base-2 logarithm of the texels per pixel side; below 0 counts as 0.
+  // Returns RGB in 0..255 at (u, v), v = 0 at the last row; the picture repeats outside [0, 1].
+  // `level` is the base-2 logarithm of the texels per pixel side; below 0 counts as 0.
   Eigen::Vector3f Sample(const Eigen::Vector2f& uv, double level) const;
 
   double NumTexels() const {

@@ -1,5 +1,5 @@
-// The files of tiles: glTF, alone, in b3dm or many times in i3dm (with what its features say), and
-// several of them in cmpt.
+// Reads the files of tiles: glTF, alone, in b3dm or many times in i3dm (with the positions of its
+// features), and several of them in cmpt.
 
 #include <algorithm>
 #include <array>
@@ -34,7 +34,7 @@ void Move(const Affine3d& root_from_gltf, RawMesh& mesh) {
   for (auto& triangle : mesh.triangles) std::swap(triangle[1], triangle[2]);
 }
 
-// Unit vectors from points of an octahedron (Cigolle et al. 2014, Section 3.3).
+// Returns unit vectors from points of an octahedron (Cigolle et al. 2014, Section 3.3).
 std::vector<double> FromOct(const std::vector<double>& numbers) {
   std::vector<double> vectors;
   for (size_t i = 0; i + 1 < numbers.size(); i += 2) {
@@ -49,7 +49,7 @@ std::vector<double> FromOct(const std::vector<double>& numbers) {
   return vectors;
 }
 
-// The axes east, north and up of WGS 84's ellipsoid.
+// Returns the axes east, north and up of WGS 84's ellipsoid.
 Eigen::Matrix3d EastNorthUp(const Vector3d& place) {
   constexpr double kA = 6378137, kB = 6356752.314245179;
   Eigen::Matrix3d axes;
@@ -61,7 +61,7 @@ Eigen::Matrix3d EastNorthUp(const Vector3d& place) {
   return axes;
 }
 
-// What a tile says of itself and of its instances.
+// Reads the feature table of a tile: data on itself and on its instances.
 class FeatureTable {
  public:
   // Both must outlive it.

@@ -29,10 +29,11 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using std::filesystem::path;
 
-// An add tile is shown together with its children, a replace tile where they are not.
+// The refinement of a tile: one with kAdd is shown together with its children, one with kReplace
+// where they are not.
 enum class Refine { kAdd, kReplace };
 
-// What a tile passes on to its children.
+// The values that a tile passes on to its children.
 struct Branch {
   Affine3d root_from_tile = Affine3d::Identity();
   Refine refine = Refine::kReplace;
@@ -93,7 +94,7 @@ Affine3d TransformOf(const JsonPlace& tile) {
   return transform;
 }
 
-// The center of a box, a sphere, or a region in longitudes and latitudes.
+// Returns the center of a box, a sphere, or a region in longitudes and latitudes.
 Vector3d CenterOf(const JsonPlace& tile, const Affine3d& root_from_tile) {
   const JsonPlace volume = tile.Member("boundingVolume");
   if (volume.Has("region")) {
@@ -139,7 +140,7 @@ void ForEachContent(const JsonPlace& tile, const Visit& visit) {
   visit_all(several);
 }
 
-// Which of a tile's content and children show it.
+// The parts of a tile that are shown: its content, its children.
 struct Showing {
   bool content = false, children = false;
 };
@@ -151,7 +152,7 @@ Refine RefineOf(const JsonPlace& place) {
   place.Fail("expected ADD or REPLACE");
 }
 
-// A tree of implicit tiles, and what its tiles' files are named by.
+// A tree of implicit tiles, and the templates of its tiles' file names.
 struct ImplicitTiles {
   ImplicitTree tree;
   std::string subtree_uri;

@@ -1,6 +1,6 @@
-// 3D Tiles, versions 1.0 and 1.1: which files of a tileset show it, and where their coordinates
-// are. A tileset is a tree of tiles in tileset.json, in further tilesets that its tiles name, or
-// implicit, as bits of which tiles of a quadtree or octree there are.
+// Reads 3D Tiles, versions 1.0 and 1.1: finds the files that show a tileset, and the frames of
+// their coordinates. A tileset is a tree of tiles in tileset.json, in further tilesets that its
+// tiles name, or implicit, as bits of which tiles of a quadtree or octree there are.
 
 #pragma once
 
@@ -46,16 +46,16 @@ Tileset ListTiles(const std::filesystem::path& root_file, double max_error);
 // Returns that center alone; nullopt where JSON is none of a tileset.
 std::optional<Eigen::Vector3d> CenterOfTileset(const std::filesystem::path& root_file);
 
-// What a tile's file holds, in the frame of the root.
+// The meshes of a tile's file, in the frame of the root.
 struct TileMeshes {
   std::vector<RawMesh> meshes;
   size_t num_clouds = 0;  // pnts, which are not read
 };
 TileMeshes ReadTileContent(const TileContent& content);
 
-// A part of an implicit tileset: which of its tiles there are.
+// A part of an implicit tileset, with the availability of its tiles.
 
-// One bit for each tile, or one for all.
+// The availability: one bit for each tile, or one for all.
 class Availability {
  public:
   explicit Availability(bool constant) : constant_(constant) {}
@@ -69,8 +69,8 @@ class Availability {
   bool constant_ = false;
 };
 
-// Each tile has 4 or 8 children. Within a subtree tiles are counted level by level, within a level
-// by the bits of x, y (and z) in turn.
+// A tree in which each tile has 4 or 8 children. Within a subtree tiles are counted level by level,
+// within a level by the bits of x, y (and z) in turn.
 struct ImplicitTree {
   bool is_octree = false;
   int subtree_levels = 1;

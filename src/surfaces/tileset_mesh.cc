@@ -1,4 +1,4 @@
-// A tileset as one mesh, in the frame that was asked for.
+// Makes a tileset one mesh, in the frame that was asked for.
 
 #include <cmath>
 #include <memory>
@@ -23,7 +23,7 @@ using std::filesystem::path;
 
 constexpr const char* kEarthCentered = "EPSG:4978";
 
-// Where a point is on the earth, if it is an earth-centered one near the ground.
+// Returns the place of a point on the earth, if it is an earth-centered one near the ground.
 std::optional<LocalFrame> PlaceOnEarth(const Vector3d& point) {
   constexpr double kLeast = 6.2e6, kMost = 6.5e6, kDeepest = -1e5, kHighest = 3e4;
   if (!(point.norm() > kLeast && point.norm() < kMost)) return std::nullopt;
@@ -32,7 +32,7 @@ std::optional<LocalFrame> PlaceOnEarth(const Vector3d& point) {
   return height > kDeepest && height < kHighest ? std::optional(frame) : std::nullopt;
 }
 
-// What leads the points of a tileset to the world.
+// Transforms the points of a tileset to the world.
 class TileFrame {
  public:
   TileFrame(const path& file, const Vector3d& center, const std::optional<WorldFrame>& world) {
@@ -116,7 +116,7 @@ class TileFrame {
   std::vector<std::string> notes_;
 };
 
-// What one file of a tileset became.
+// The meshes of one file of a tileset, and the counts of what was left out.
 struct LoadedTile {
   std::vector<TriangleMesh> meshes;
   size_t num_clouds = 0, num_without_area = 0;
@@ -153,7 +153,7 @@ std::string LeftOut(const LoadedTile& sum) {
   return text;
 }
 
-// Thousands of tiles have thousands of small faults of one kind.
+// Shortens the list of warnings: thousands of tiles have thousands of small faults of one kind.
 void Shorten(std::vector<std::string>& warnings) {
   constexpr size_t kMost = 5;
   if (warnings.size() <= kMost) return;

@@ -16,7 +16,7 @@ namespace {
 
 using std::filesystem::path;
 
-// A number of bytes.
+// Returns a number of bytes.
 size_t Size(const JsonPlace& object, std::string_view member) {
   const JsonPlace place = object.Member(member);
   const int size = place.Int();

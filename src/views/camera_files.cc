@@ -32,7 +32,7 @@ const ProductOutput* Find(const RenderJobOptions& options, Product product) {
   return found == options.products.end() ? nullptr : &*found;
 }
 
-// The lens as nerfstudio has it, by the members of its file.
+// Returns the members of nerfstudio's file for a lens.
 Json LensJson(const PosedImage& view) {
   const Camera& camera = view.camera;
   Json json = {{"camera_model", "OPENCV"},
@@ -70,7 +70,7 @@ Json LensJson(const PosedImage& view) {
   return json;
 }
 
-// OpenGL's axes: x right, y up, z back.
+// Returns a pose in OpenGL's axes: x right, y up, z back.
 Json PoseJson(const Rigid3& cam_from_world) {
   Eigen::Matrix4d world_from_gl = Eigen::Matrix4d::Identity();
   const Rigid3 world_from_cam = cam_from_world.Inverse();

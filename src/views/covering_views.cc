@@ -31,7 +31,7 @@ constexpr double kSimilarDistance = 1.6;  // their distances' ratio
 constexpr size_t kMinCandidates = 800;
 constexpr size_t kCandidatesPerView = 16;
 
-// A surface sample as a candidate sees it.
+// A surface sample as a candidate view sees it.
 struct SeenSample {
   size_t sample;
   Eigen::Vector3d toward_camera;  // unit

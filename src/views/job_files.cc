@@ -64,7 +64,7 @@ Json ProductJson(const ProductOutput& output, const RenderJobOptions& options) {
   return json;
 }
 
-// 2026-01-31T23:59:59Z
+// Returns a time as 2026-01-31T23:59:59Z.
 std::string UtcText(std::chrono::system_clock::time_point time) {
   const std::time_t seconds = std::chrono::system_clock::to_time_t(time);
   std::tm utc{};

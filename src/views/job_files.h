@@ -1,5 +1,5 @@
-// The files that a rendering job keeps beside the pictures: its manifest, summary.json, README.txt,
-// preview.png; and what it warns of.
+// Writes the files that a rendering job keeps beside the pictures: its manifest, summary.json,
+// README.txt, preview.png; and its warnings.
 
 #pragma once
 
@@ -24,16 +24,16 @@
 
 namespace raylift {
 
-// JSON of all that the bytes of the files depend on, but for the views.
+// Returns JSON of all that the bytes of the files depend on, except the views.
 std::string JobHeader(const RayCaster& scene, const RenderJobOptions& options);
 
-// The first line of its manifest: that of which job, of how many images.
+// Returns the first line of its manifest: the job's header and its number of images.
 std::string ManifestHeader(const std::string& header, size_t images);
 
 // Returns the hash of everything that a view's files depend on.
 std::string TaskKey(const std::string& header, const RenderTask& task);
 
-// "PRODUCT/stem.FORMAT", of one product and of each.
+// Return "PRODUCT/stem.FORMAT" for one product, and for each.
 std::string TaskFile(const RenderTask& task, const ProductOutput& output);
 std::vector<std::string> TaskFiles(const RenderTask& task, std::span<const ProductOutput> products);
 
@@ -51,43 +51,43 @@ struct RunRecord {
   size_t kept = 0;
 };
 
-// summary.json of a complete job.
+// Returns summary.json of a complete job.
 std::string SummaryJson(const std::string& header, const ManifestEntries& entries,
                         const std::vector<std::string>& warnings);
-// timing.jsonl.
+// Returns timing.jsonl.
 std::string TimingJson(const RunRecord& run);
 
-// The file that a job leaves beside its products, and how it starts.
+// The name of the file that a job leaves beside its products, and how its text starts.
 inline constexpr std::string_view kFileGuideName = "README.txt";
 inline constexpr std::string_view kFileGuideTitle = "What these files hold";
 
-// The guide of a job that writes these products in these formats.
+// Returns the guide of a job that writes these products in these formats.
 std::string FileGuide(std::span<const ProductOutput> outputs, const StorageOptions& storage,
                       FrameOptions::NormalsIn normals_in);
 
-// The guide to all products and formats.
+// Returns the guide to all products and formats.
 std::string FileGuide();
 
 inline constexpr int kMaxTiles = 48;
 
-// RGB; at most kMaxTiles of the views, evenly chosen, each with its name, its coverage and the
-// range of its depth. Near is red, far is blue, on a logarithmic scale that all tiles share; no
-// surface is black. The same bytes for any number of threads.
+// Returns an RGB picture of at most kMaxTiles of the views, evenly chosen, each with its name, its
+// coverage and the range of its depth. Near is red, far is blue, on a logarithmic scale that all
+// tiles share; no surface is black. The same bytes for any number of threads.
 Image MakeContactSheet(const std::shared_ptr<const RayCaster>& scene,
                        const std::vector<PosedImage>& views, int threads);
 
-// One sentence: where both are, and what may be wrong with unit, origin or axes. At least one
-// camera.
+// Returns one sentence: where mesh and cameras are, and what may be wrong with unit, origin or
+// axes. Takes at least one camera.
 std::string WhyTheMeshIsUnseen(const RayCaster& scene,
                                const std::vector<Eigen::Vector3d>& camera_centers);
 
 // Returns a question for the unit where ten cameras or more stand within a hundredth of how far a
-// quarter of them sees. `farthest` is the largest depth of each camera that sees some. nullopt where
-// there is nothing to ask.
+// quarter of them sees. `farthest` is the largest depth of each camera that sees some. nullopt
+// where there is nothing to ask.
 std::optional<std::string> AskForUnit(const std::vector<Eigen::Vector3d>& camera_centers,
                                       std::vector<double> farthest);
 
-// The cameras of what is rendered in files that makers of data sets feed to other tools:
+// Writes the cameras of what is rendered in files that makers of data sets feed to other tools:
 // nerfstudio's transforms.json and MVSNet's cams/ and pair.txt.
 
 // Throws OptionError or InputError where the options or a lens do not go with the files.

@@ -21,7 +21,7 @@ struct SceneSpec {
   std::optional<BuildQuality> build;
 };
 
-// Several meshes are one scene, which is built in one way.
+// Parses specifications; several meshes are one scene, which is built in one way.
 SceneSpec ParseSpecs(const std::vector<std::string>& specs) {
   SceneSpec scene;
   for (const std::string& spec : specs) {
@@ -51,7 +51,7 @@ size_t BytesOf(const TriangleMesh& mesh) {
   return bytes;
 }
 
-// One that is not of triangles, as `open` makes it.
+// Loads a scene that is not of triangles, as `open` makes it.
 template <typename Spec, typename Open>
 MeshScene LoadAlone(const Spec& spec, const std::function<void(const std::string&)>& on_step,
                     const Open& open) {

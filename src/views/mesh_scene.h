@@ -1,4 +1,4 @@
-// The mesh, point cloud or splats that a job renders, from specifications of geometry.
+// Opens the mesh, point cloud or splats that a job renders, by specifications of geometry.
 
 #pragma once
 
@@ -25,14 +25,14 @@ struct MeshScene {
 struct MeshSceneOptions {
   int threads = 0;                       // to read the files; <= 0: all
   std::filesystem::path semantics = {};  // file of a table (ReadSemanticRules()); empty: none
-  // Is told what is going on ("reading a.ply", "building, 40 %"), from any thread, one call at a
-  // time.
+  // Is called with the present step ("reading a.ply", "building, 40 %"), from any thread, one call
+  // at a time.
   std::function<void(const std::string&)> on_step = {};
 };
 
-// "mesh:PATH[,build=low|medium]" each (by default medium), all of which are one scene, or a
-// "cloud:PATH" or "splat:FILE" alone. Throws OptionError for a specification that is none or
-// contradicts another one, Throws InputError where a file cannot be read or is no mesh.
+// Loads "mesh:PATH[,build=low|medium]" (by default medium) of one or several meshes, all of which
+// are one scene, or a single "cloud:PATH" or "splat:FILE". Throws OptionError for a specification
+// that is wrong or contradicts another one, InputError where a file cannot be read or is no mesh.
 MeshScene LoadMeshScene(const std::vector<std::string>& specs,
                         const MeshSceneOptions& options = {});
 

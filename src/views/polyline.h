@@ -1,4 +1,4 @@
-// Points on a line through points, by their distance along it.
+// Finds points on a polyline by their distance along it.
 
 #pragma once
 
@@ -15,7 +15,7 @@ namespace raylift {
 
 class Polyline {
  public:
-  // At least two points.
+  // Takes at least two points.
   explicit Polyline(std::vector<Eigen::Vector3d> points) : points_(std::move(points)), lengths_{0} {
     for (size_t i = 1; i < points_.size(); ++i) {
       lengths_.push_back(lengths_.back() + (points_[i] - points_[i - 1]).norm());

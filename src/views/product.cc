@@ -26,7 +26,7 @@ constexpr std::array<std::string_view, 4> kOfIndices = {"npy", "exr", "npz", "pn
 constexpr std::array<std::string_view, 2> kOfColor = {"png", "jpg"};
 constexpr std::array<std::string_view, 1> kOfMask = {"png"};
 
-// Normals as a picture to look at: -1 .. 1 is 0 .. 255, gray where there is none.
+// Returns normals as a picture to look at: -1 .. 1 is 0 .. 255, gray where there is none.
 Image NormalPicture(const Frame& frame) {
   Image image{frame.width_px, frame.height_px, 3, std::vector<uint8_t>(frame.normals.size())};
   std::transform(frame.normals.begin(), frame.normals.end(), image.data.begin(),
@@ -46,7 +46,7 @@ WrittenFile WriteFloats(const path& file, const Frame& frame, const std::vector<
   return {file, report.bytes, report.dropped};
 }
 
-// The surface's points alone, in the order of the pixels.
+// Writes only the points on the surface, in the order of the pixels.
 WrittenFile WriteCloud(const path& file, const Frame& frame) {
   std::string rows;
   for (size_t i = 0; i < frame.points.size(); i += 3) {

@@ -61,7 +61,8 @@ ManifestEntries ReadManifest(const path& file) {
 
 namespace {
 
-// The range of the depths that are not 0. In lanes, which compilers turn into vector instructions.
+// Returns the range of the depths that are not 0. It is computed in lanes, which compilers turn
+// into vector instructions.
 std::optional<std::pair<float, float>> DepthRange(const std::vector<float>& depth) {
   constexpr size_t kLanes = 16;
   std::array<float, kLanes> lows, highs;
@@ -82,7 +83,7 @@ std::optional<std::pair<float, float>> DepthRange(const std::vector<float>& dept
   return std::pair(*std::min_element(lows.begin(), lows.end()), high);
 }
 
-// The tables of rays of the cameras that are in use: views of one camera share one.
+// Keeps the tables of rays of the cameras in use: views of one camera share one.
 class RayTables {
  public:
   // Keeps at most `capacity` tables, besides those that are held by others.
@@ -154,7 +155,7 @@ FrameOptions OptionsOfFrames(const RenderJobOptions& options) {
   return frame;
 }
 
-// Views of one camera follow each other, so that few tables of rays are needed at a time; and all
+// Orders views of one camera after each other, so that few tables of rays are needed at a time; all
 // shards deal the same list.
 std::vector<RenderTask> InOrder(std::vector<RenderTask> tasks) {
   std::sort(tasks.begin(), tasks.end(), [](const RenderTask& a, const RenderTask& b) {
@@ -170,7 +171,7 @@ std::vector<std::string> NamesOf(std::span<const RenderTask> tasks) {
   return names;
 }
 
-// Files that a former run lists and this one does not write.
+// Returns the files that a former run lists and this one does not write.
 std::vector<std::string> ListForeignFiles(std::span<const RenderTask> tasks,
                                           const RenderJobOptions& options) {
   std::set<std::string> foreign;

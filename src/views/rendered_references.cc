@@ -23,7 +23,7 @@ constexpr int kJpegQuality = 96;
 // Below this share of the mesh's size nothing is gained by keeping away from surfaces.
 constexpr double kMaxClearance = 0.05;
 
-// Through the middle row; none where the lens does not see it.
+// Returns the field of view through the middle row; nullopt where the lens does not see it.
 std::optional<double> HorizontalFovDeg(const Camera& camera) {
   const double y = 0.5 * camera.height_px();
   const auto left = camera.RayInCam({0.0, y});
@@ -34,8 +34,8 @@ std::optional<double> HorizontalFovDeg(const Camera& camera) {
 
 double HalfTan(double fov_deg) { return std::tan(0.5 * fov_deg * kRadPerDeg); }
 
-// Inside, unless there is no ground or it shows far less of the mesh than other places would: a
-// table's top can pass for a ground.
+// Samples inside, unless there is no ground or it shows far less of the mesh than other places
+// would: a table's top can pass for a ground.
 ViewsOfKind SampleAuto(const RayCaster& mesh, const ViewSamplerOptions& options,
                        const ViewSamplerOptions& close, const InsideOptions& inside_options) {
   constexpr double kMinShare = 0.25;
@@ -67,7 +67,7 @@ void RenameImages(ColmapModel& model) {
   for (auto& [id, image] : model.images) image.name = "rendered/" + image.name;
 }
 
-// The k-th of `count` cameras, turned to the right.
+// Returns the k-th of `count` cameras, turned to the right.
 Rigid3 CamFromRig(int k, int count) {
   const double angle = 2 * std::numbers::pi * k / count;
   // Image down is y; a turn to the right is positive about it, and the scene turns the other way.

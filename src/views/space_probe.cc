@@ -25,7 +25,7 @@ constexpr double kMinUpCosine = 0.8;  // slopes to 37 degrees
 constexpr int kMaxLayers = 32;        // floors above each other
 constexpr double kNextLayer = 1e-4;   // of the height, to pass a surface
 
-// The world turned so that z is up, and the part of it that the grid covers.
+// The grid: the world rotated so that z is up, and the part of it that the grid covers.
 struct Grid {
   Eigen::Quaterniond world_from_level;
   Eigen::Vector3d low, high;  // in level coordinates
@@ -66,7 +66,7 @@ Grid MakeGrid(const TriangleMesh& mesh, const Eigen::Vector3d& up, double min_ce
   return grid;
 }
 
-// The heights of upward faces with room above, from the top down.
+// Returns the heights of upward faces with room above, from the top down.
 std::vector<double> GroundHeights(const RayCaster& mesh, const Grid& grid, int cell,
                                   double headroom, bool any_side) {
   const Eigen::Vector3d down = grid.world_from_level * Eigen::Vector3d(0, 0, -1);
@@ -137,7 +137,7 @@ std::vector<bool> InLargestArea(const std::vector<GroundCell>& cells, const Grid
   return sets.InLargest();
 }
 
-// Evenly spread unit vectors (a spiral of Fibonacci).
+// Returns evenly spread unit vectors (a spiral of Fibonacci).
 std::vector<Eigen::Vector3d> SpreadDirections(int count) {
   const double golden_angle = std::numbers::pi * (3 - std::sqrt(5.0));
   std::vector<Eigen::Vector3d> directions;

@@ -1,4 +1,4 @@
-// Where the surfaces of a scene leave room for cameras.
+// Finds where the surfaces of a scene leave room for cameras.
 
 #pragma once
 
@@ -32,7 +32,7 @@ struct VisibleSurface {
 VisibleSurface MeasureView(const RayCaster& mesh, const Camera& camera,
                            const Rigid3& cam_from_world);
 
-// Of what a camera sees, the share that it must see from the front; the rest may be thin things
+// The share of the seen surfaces that must be seen from the front; the rest may be thin things
 // without a back.
 constexpr double kMinFrontShare = 0.9;
 
@@ -50,7 +50,8 @@ struct EyePlace {
 };
 
 // Returns clear places at eye height over the ground, on a grid, of the largest area of ground that
-// is connected without high steps; none if there is no such ground. What is not clear may part them.
+// is connected without high steps; empty if there is no such ground. Places that are not clear may
+// separate them.
 std::vector<EyePlace> FindEyePlaces(const RayCaster& mesh, const ViewSamplerOptions& options,
                                     const InsideOptions& inside);
 

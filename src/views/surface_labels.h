@@ -1,4 +1,5 @@
-// What parts of surfaces are called, as ids in pictures: the instances and semantics of data sets.
+// Names parts of surfaces, and gives them ids in pictures: the instances and semantics of data
+// sets.
 
 #pragma once
 
@@ -14,7 +15,7 @@
 
 namespace raylift {
 
-// A line of a table of semantics: the id of what has a name as the pattern's, as in a shell.
+// A line of a table of semantics: the id of the parts whose names match the pattern, as in a shell.
 struct SemanticRule {
   uint32_t id;
   std::string pattern;
@@ -27,7 +28,7 @@ std::vector<SemanticRule> ReadSemanticRules(const std::filesystem::path& path);
 // material or instance has a name of. Returns warnings on rules and names that do not meet.
 std::vector<std::string> AssignSemantics(std::span<const SemanticRule> rules, TriangleMesh& mesh);
 
-// The products whose ids have names. What follows is of these alone.
+// The products whose ids have names. All below is for these alone.
 inline constexpr std::array kNamedProducts = {Product::kInstance, Product::kSemantic};
 inline bool HasNames(Product product) {
   return product == kNamedProducts[0] || product == kNamedProducts[1];

@@ -80,7 +80,7 @@ Camera CameraOf(const PosedImage& view, const TaskSelection& selection) {
                        ScaledSide(view.name, camera.height_px(), *selection.scale));
 }
 
-// A relative path without "..", so that nothing is written elsewhere.
+// Returns a relative path without "..", so that nothing is written elsewhere.
 std::string StemOf(const std::string& name, size_t index, std::string_view pattern) {
   const std::filesystem::path path =
       std::filesystem::path(ExpandPattern(pattern, name, index)).lexically_normal();

@@ -1,4 +1,4 @@
-// Which views a job renders, at which size, and how their files are called.
+// Lists the views that a job renders, with their sizes and the names of their files.
 
 #pragma once
 
@@ -16,47 +16,51 @@
 
 namespace raylift {
 
-// "WIDTHxHEIGHT"; throws OptionError naming the option for anything else.
+// Parses "WIDTHxHEIGHT"; throws OptionError naming the option for anything else.
 PlaneSize ParseSize(std::string_view option, const std::string& text);
 
-// A number of pixels; likewise.
+// Parses a number of pixels; likewise.
 int ParseSide(std::string_view option, const std::string& text);
 
 struct TaskSelection {
   std::filesystem::path list = {};  // only the images in this list; empty: all
   std::string glob = {};            // only names that match, as in a shell; empty: all
   Subsampling subsampling = {};     // only every N-th of those, by name
-  // The images are scaled so, and their lens with them. At most one of these and what follows.
+  // The factor by which the images are scaled, and their lens with them. At most one of these and
+  // the following.
   std::optional<double> scale = std::nullopt;
   std::optional<PlaneSize> size = std::nullopt;
   // Instead of the cameras: a panorama of this size from each camera's place.
   std::optional<PlaneSize> panorama = std::nullopt;
   // Instead of each camera: the six faces of a cube around its place, this many pixels wide.
   std::optional<int> cubemap = std::nullopt;
-  // How files are called, without extension: {name}, {dir}, {stem}, {base}, see ExpandPattern, or
+  // The names of files without extension: {name}, {dir}, {stem}, {base}, see ExpandPattern, or
   // {index}: the place among the tasks, 00000000.
   std::string pattern = "{dir}/{stem}";
 };
 
-// The views of a COLMAP model. Its warnings are added to `warnings`.
+// Reads the views of a COLMAP model. Its warnings are added to `warnings`.
 std::vector<PosedImage> ReadModelViews(const std::filesystem::path& model,
                                        std::vector<std::string>& warnings);
 
-// Six pinholes of 90 degrees, "seq/a/front.jpg", right, back, left, up and down of "seq/a.jpg".
-// Front has the camera's axes, the next three are turned to the right about its y axis; up's lower
-// edge and down's upper one are front's.
+// Returns six pinholes of 90 degrees, "seq/a/front.jpg", right, back, left, up and down of
+// "seq/a.jpg". Front has the camera's axes, the next three are turned to the right about its y
+// axis; up's lower edge and down's upper one are front's.
 std::vector<PosedImage> CubeFaces(const PosedImage& view, int side_px);
 
-// A sentence where `selection.size` would stretch pictures: is of another shape than they are.
+// Returns a sentence where `selection.size` would stretch pictures, as it has another shape than
+// they have.
 std::optional<std::string> StretchWarning(const std::vector<PosedImage>& views,
                                           const TaskSelection& selection);
 
-// The tasks by name. Throws InputError where an image of the list is not among the views, where
-// none is left, or where two images would be written to one file or outside of the output folder.
+// Returns the tasks by name. Throws InputError where an image of the list is not among the views,
+// where none is left, or where two images would be written to one file or outside of the output
+// folder.
 std::vector<RenderTask> SelectTasks(std::vector<PosedImage> views, const TaskSelection& selection);
 
-// The cameras and poses of what is rendered, under the images' names: of scaled images the cameras
-// are scaled, so that the maps and this model belong together. None where one is a panorama.
+// Returns a model of the cameras and poses of what is rendered, under the images' names: the
+// cameras of scaled images are scaled, so that the maps and this model belong together. nullopt
+// where one is a panorama.
 std::optional<ColmapModel> ModelOf(std::span<const RenderTask> tasks);
 
 }  // namespace raylift

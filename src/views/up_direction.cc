@@ -17,7 +17,7 @@ constexpr double kFarDeg = 30;  // a direction that is another one
 // The least ratio of area that faces up to area that faces down; and of the best direction to
 // others.
 constexpr double kLead = 2;
-// Over others where z is at right angles to nothing, and so is hardly up.
+// The least ratio to others where z is at right angles to nothing, and so is hardly up.
 constexpr double kLeadOfAny = 1.1;
 constexpr double kLikeTheBest = 0.9;
 constexpr double kLevelWithinDeg = 2;  // no picture is the worse for it
@@ -28,7 +28,7 @@ struct Facing {
   double share;  // of the whole area
 };
 
-// The mesh's normals, those of like directions together.
+// Returns the mesh's normals; like directions are joined.
 std::vector<Facing> CollectFacings(const TriangleMesh& mesh) {
   std::vector<Eigen::Vector3d> sums(6 * kBinsPerSide * kBinsPerSide, Eigen::Vector3d::Zero());
   const auto bin_of = [](double share) {

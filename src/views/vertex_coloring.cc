@@ -24,7 +24,7 @@
 namespace raylift {
 namespace {
 
-// The color that a photograph shows at a point.
+// The color of a point in a photograph.
 struct PointColor {
   size_t photograph;
   double weight;
@@ -99,9 +99,9 @@ Levels Solve(size_t count, std::span<const std::vector<PointColor>> points) {
   return levels.allFinite() ? levels : none;
 }
 
-// Factors for each channel of each photograph, of geometric mean 1, that make the logarithms at
-// each point agree: weighted least squares, whose weights are Cauchy's where photographs disagree
-// by more than they usually do. Photographs that share no point with others keep 1.
+// Returns factors for each channel of each photograph, of geometric mean 1, that make the
+// logarithms at each point agree, by weighted least squares with Cauchy's weights where photographs
+// disagree by more than they usually do. Photographs that share no point with others keep 1.
 std::vector<Eigen::Vector3d> LevelExposures(size_t num_photographs,
                                             std::span<const std::vector<PointColor>> points) {
   std::vector<std::vector<PointColor>> weighed(points.begin(), points.end());
@@ -130,14 +130,15 @@ constexpr size_t kVerticesPerItem = 4096;
 // distances, hides it.
 constexpr double kOwnSurface = 0.1;
 constexpr double kOwnDistance = 1e-4;
-// Nearly along the surface nothing is resolved.
+// Surfaces that are seen more obliquely than this cosine are not resolved.
 constexpr double kLeastCosine = 0.1;
 // Values beyond are clipped, or noise: they tell nothing of the exposure.
 constexpr float kDarkest = 8, kBrightest = 247;
 // Points that tell exposures, per photograph; more change nothing.
 constexpr size_t kPointsPerPhotograph = 200;
 constexpr size_t kLeastPoints = 20000;
-// In medians of absolute deviations: three standard deviations of normal noise.
+// The farthest color from the median, in medians of absolute deviations: three standard deviations
+// of normal noise.
 constexpr double kFarDeviations = 3 * kSigmaPerMad;
 constexpr double kLeastDeviation = 2;  // levels of 255
 constexpr std::array<uint8_t, 3> kUnseen = {128, 128, 128};
@@ -150,7 +151,7 @@ struct Sample {
   Vector3f rgb = Vector3f::Zero();
 };
 
-// The shape about each vertex.
+// The shape of the surface about each vertex.
 struct VertexShapes {
   std::vector<Vector3f> normals;    // unit; zero where there is none
   std::vector<float> spacings;      // mean length of its edges
@@ -249,7 +250,7 @@ void Keep(const Sample& sample, std::vector<Sample>& kept) {
   kept.push_back(sample);
 }
 
-// The mean of what agrees with the median.
+// Returns the mean of the colors that agree with the median.
 std::array<uint8_t, 3> Blended(std::span<const Sample> samples, std::span<const Vector3d> factors) {
   std::array<uint8_t, 3> color;
   for (int c = 0; c < 3; ++c) {

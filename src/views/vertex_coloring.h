@@ -19,7 +19,7 @@
 namespace raylift {
 
 struct VertexColoringOptions {
-  // Photographs get factors, one per channel, that make what several see look alike.
+  // Photographs get factors, one per channel, with which common surfaces look alike.
   bool level_exposures = true;
   int threads = 0;
   std::function<void()> on_photograph = {};  // after each, from one thread
@@ -31,18 +31,18 @@ struct VertexColoring {
   // where nothing that they are connected with is seen.
   size_t num_seen = 0;
   std::vector<Eigen::Vector3d> factors_rgb;  // per photograph; geometric mean 1
-  // How far apart neighboring vertices are in the photographs that see them best, and how wide a
-  // pixel is on the surface there (units of the mesh), medians over those seen: what is finer than
-  // the vertices is lost.
+  // The distance between neighboring vertices in the photographs that see them best, and the width
+  // of a pixel on the surface there (units of the mesh), medians over those seen: details that are
+  // finer than the vertices are lost.
   double median_spacing_px = 0;
   double median_pixel_width = 0;
 };
 
-// `mesh` has the surface of `surface`, and may be finer. A vertex takes what the photographs show
-// that see it (by rays), the side of the surface that is seen better: those that resolve it best,
-// in a patch as wide as its edges, weighed by how steeply they look at it; what disagrees with most
-// of them is left out. The same for any number of threads. Throws InputError where a photograph is
-// missing below `folder` or has not its camera's size.
+// Colors a mesh, which has the surface of `surface` and may be finer. A vertex takes what the
+// photographs show that see it (by rays), the side of the surface that is seen better: those that
+// resolve it best, in a patch as wide as its edges, weighed by how steeply they look at it; what
+// disagrees with most of them is left out. The same for any number of threads. Throws InputError
+// where a photograph is missing below `folder` or has not its camera's size.
 VertexColoring ColorVertices(const TriangleMesh& mesh, const RayCaster& surface,
                              std::span<const PosedImage> photographs,
                              const std::filesystem::path& folder,

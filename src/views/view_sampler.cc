@@ -22,7 +22,7 @@ constexpr size_t kMinPlacesPerRound = 64;
 constexpr int kBearings = 24;      // directions of sight that are compared at each place
 constexpr double kFreeRange = 12;  // eye heights; looking farther is no better
 
-// Half the angle of the picture's narrower side.
+// Returns half the angle of the picture's narrower side.
 double HalfAngleOfView(const Camera& camera) {
   const double half =
       std::min(camera.width_px() / camera.focal_x_px(), camera.height_px() / camera.focal_y_px()) /
@@ -37,13 +37,13 @@ Eigen::AlignedBox3d BoundsInWorld(const TriangleMesh& mesh) {
           box.max().cast<double>() + mesh.origin_in_world};
 }
 
-// Two unit vectors that are level, at right angles.
+// Returns two unit vectors that are level, at right angles.
 std::pair<Eigen::Vector3d, Eigen::Vector3d> LevelAxes(const Eigen::Vector3d& up) {
   const Eigen::Vector3d first = up.unitOrthogonal();
   return {first, up.cross(first)};
 }
 
-// With a warning where they are fewer than wanted; none where there are none.
+// Adds a warning where views are fewer than wanted; returns nullopt where there are none.
 std::optional<SampledViews> Checked(SampledViews views, int wanted) {
   const size_t found = views.cam_from_world.size();
   if (found == 0) return std::nullopt;
@@ -143,7 +143,8 @@ struct LinePoint {
   Eigen::Vector3d direction;  // unit
 };
 
-// Evenly spaced, the ends included; the direction is that of the line within a spacing around.
+// Returns evenly spaced points, the ends included; the direction is that of the line within a
+// spacing around.
 std::vector<LinePoint> SpreadOnLine(std::span<const Eigen::Vector3d> points, int count) {
   const Polyline line({points.begin(), points.end()});
   const double spacing = line.length() / std::max(count - 1, 1);

@@ -29,7 +29,7 @@ namespace {
 
 using Line = std::vector<Eigen::Vector3d>;
 
-// Lengths are in eye heights, which are 1.6 m of an adult: what a body does grows with it.
+// Lengths are in eye heights, of which an adult's is 1.6 m: motions of a body grow with it.
 constexpr double kDefaultSpacing = 0.25;
 constexpr double kLineSpacing = 0.125;  // of the points that corners are rounded by
 constexpr int kRoundings = 16;  // each moves a point to (1, 2, 1) / 4 of itself and both beside
@@ -39,13 +39,13 @@ constexpr double kStride = 0.9;      // two steps
 constexpr double kBob = 0.0125;      // up and down, once a step
 constexpr double kSway = 0.0125;     // aside, once a stride
 constexpr double kRollDeg = 1.5;     // once a stride
-// Standard deviations of how a hand turns the camera about its axes x, y and z, in waves of these
+// Standard deviations of a hand's turns of the camera about its axes x, y and z, in waves of these
 // lengths.
 constexpr std::array<double, 3> kHandDeg = {4, 8, 2};
 constexpr std::array<double, 3> kHandWaves = {2, 3.7, 7};
 constexpr size_t kMostTargets = 64;  // of a lap
 
-// The places of the largest set that one can walk between, no wall being in between.
+// Returns the places of the largest set that one can walk between, no wall being in between.
 std::vector<EyePlace> Connected(const RayCaster& mesh, std::vector<EyePlace> places, int threads) {
   ParallelFor(places.size(), threads, [&](size_t i) {
     std::erase_if(places[i].neighbors, [&](size_t other) {
@@ -102,8 +102,8 @@ double AppendWay(const std::vector<EyePlace>& places, size_t from, size_t to, Li
   return distances[from];
 }
 
-// A lap past places that lie far apart, which ends where it begins. It is at least so long, unless
-// that takes too many places.
+// Returns a lap past places that lie far apart, which ends where it begins. It has at least this
+// length, unless that takes too many places.
 Line PlanLap(const std::vector<EyePlace>& places, double length, Rng& rng) {
   Line centers;
   for (const EyePlace& place : places) centers.push_back(place.center);
@@ -160,7 +160,7 @@ class Track {
   Polyline line_;
 };
 
-// How the camera is carried along, by the way in eye heights.
+// Moves the camera as a walking person does, by the way in eye heights.
 class Gait {
  public:
   explicit Gait(Rng& rng) {
@@ -175,7 +175,7 @@ class Gait {
     return {kSway * std::sin(phase), kBob * std::cos(2 * phase)};
   }
 
-  // How the camera is turned from looking ahead, upright.
+  // Returns the camera's turn from looking ahead, upright.
   Eigen::Quaterniond Turn(double way) const {
     Eigen::Vector3d turn_deg{0, 0, kRollDeg * std::sin(PhaseOf(way))};
     for (size_t axis = 0; axis < 3; ++axis) {

@@ -31,7 +31,7 @@ struct EnumName {
   std::string_view description = {};  // one line of help
 };
 
-// Every value once, in the order in which they are listed. Empty: the enum has no names.
+// Lists every value once, in the order of help texts. An enum with an empty table has no names.
 template <typename Enum>
 inline constexpr std::array<EnumName<Enum>, 0> kEnumNames = {};
 
@@ -54,7 +54,7 @@ constexpr std::string_view TitleOf(Enum value) {
   return {};
 }
 
-// nullopt if the name is not in the table.
+// Returns the value of this name; nullopt if the name is not in the table.
 template <NamedEnum Enum>
 constexpr std::optional<Enum> FromName(std::string_view name) {
   for (const EnumName<Enum>& entry : kEnumNames<Enum>) {
@@ -70,7 +70,7 @@ constexpr auto AllValues() {
   return values;
 }
 
-// "off|fixed", for help and error texts.
+// Returns "off|fixed", for help and error texts.
 template <NamedEnum Enum>
 std::string NameList() {
   std::string list;

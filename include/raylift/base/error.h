@@ -31,7 +31,7 @@ class OptionError : public std::runtime_error {
   explicit OptionError(const std::string& message);
   OptionError(std::string_view name, std::string_view value, std::string_view constraint);
 
-  // Empty where the message is no such sentence.
+  // Both are empty where the message is no such sentence.
   const std::string& name() const { return name_; }
   const std::string& value() const { return value_; }
   const std::string& constraint() const { return constraint_; }
@@ -53,7 +53,7 @@ namespace internal {
     }                                                                       \
   } while (false)
 
-// As RAYLIFT_CHECK for a == b, and prints both values.
+// Checks a == b as RAYLIFT_CHECK does, and prints both values.
 #define RAYLIFT_CHECK_EQ(a, b)                                                \
   do {                                                                        \
     const auto& check_a_ = (a);                                               \
@@ -87,14 +87,15 @@ void RequireAtLeast(std::string_view name, T value, std::type_identity_t<T> leas
 template <typename T>
 void RequirePositive(std::string_view name, T value);
 
-// A file of an open scene that cannot be read any more, or not as it was. What a photograph's
-// sender gave is not to blame.
+// Says that a file of an open scene cannot be read any more, or has changed. The sender of a
+// photograph is not to blame.
 class LostFile : public InputError {
  public:
   using InputError::InputError;
 };
 
-// Returns what `read` does, by which files of an open scene are read.
+// Returns what `read` returns, a function that reads files of an open scene; an InputError that it
+// throws becomes a LostFile.
 template <typename Read>
 auto ReadOpened(const Read& read) {
   try {

@@ -11,8 +11,8 @@
 
 namespace raylift {
 
-// Return whether there is a file or folder, a folder or a regular file of this name; false for names
-// that no file can have, too.
+// Return whether there is a file or folder, a folder or a regular file of this name; false for
+// names that no file can have, too.
 bool Exists(const std::filesystem::path& path);
 bool IsFolder(const std::filesystem::path& path);
 bool IsFile(const std::filesystem::path& path);
@@ -23,7 +23,7 @@ std::string ReadFile(const std::filesystem::path& path);
 // Writes to a temporary name beside `path` and renames it, so that a killed run leaves no half
 // file. Makes the parent folders. Throws OutputError naming the file if it cannot be written.
 void WriteFile(const std::filesystem::path& path, std::string_view contents);
-// The same of several parts, one after the other, without joining them in memory.
+// Writes several parts likewise, one after the other, without joining them in memory.
 void WriteFile(const std::filesystem::path& path, std::span<const std::string_view> parts);
 
 // Tells before long work whether a file can be written later: makes the parent folders and tries.
@@ -33,7 +33,8 @@ void RequireWritable(const std::filesystem::path& path);
 // Makes a folder and its parents, which then would survive a loss of power. Throws OutputError.
 void MakeFolders(const std::filesystem::path& folder);
 
-// The file of an image that is named by a relative path: below `folder`, whatever the name says.
+// Returns the file of an image that is named by a relative path: it is below `folder`, whatever the
+// name says.
 std::filesystem::path PathBelow(const std::filesystem::path& folder,
                                 const std::filesystem::path& name);
 
@@ -69,7 +70,7 @@ bool CannotSyncHere(int error);
 // Keeps the names of the files that this thread commits while it is the last one that was made.
 class CommittedFiles {
  public:
-  // kByPromise: a line of a manifest, before which the files are synced, is to promise them.
+  // With kByPromise files are synced only before a line of a manifest promises them.
   enum class Sync { kAtOnce, kByPromise };
   explicit CommittedFiles(Sync sync = Sync::kAtOnce);
   ~CommittedFiles();
@@ -85,8 +86,8 @@ class CommittedFiles {
   std::vector<std::filesystem::path> paths_;
 };
 
-// The file that a temporary name, as AtomicFile and WriteFile make them, stands for: what a killed
-// run has left of it. nullopt if it is no such name.
+// Returns the file that a temporary name, as AtomicFile and WriteFile make them, stands for;
+// nullopt if it is no such name. A killed run leaves such files.
 std::optional<std::filesystem::path> TargetOfTemporary(const std::filesystem::path& path);
 
 // Removes the temporary files in a folder and below it whose processes have ended on this machine:

@@ -13,7 +13,7 @@
 
 namespace raylift {
 
-// Hardware threads if `threads` <= 0.
+// Returns `threads`, or the count of hardware threads if `threads` <= 0.
 int ResolveThreads(int threads);
 
 // Calls body(0) ... body(count - 1) on up to `threads` threads (<= 0: all). The first exception of
@@ -42,9 +42,11 @@ class Cancelled : public std::runtime_error {
 class CallWatch {
  public:
   struct Hooks {
-    // Asked now and then, on the thread that made the watch. Empty: the call is never ended.
+    // Is asked now and then, on the thread that made the watch, whether to stop. Empty: the call is
+    // never ended.
     std::function<bool()> stop_wanted = {};
-    // From any thread: `done` of `total` items ("queries"). Empty: nobody wants to know.
+    // Is called from any thread: `done` of `total` items ("queries") are done. Empty: nobody wants
+    // to know.
     std::function<void(const std::string& what, size_t done, size_t total)> on_progress = {};
   };
 

@@ -14,10 +14,10 @@
 
 namespace raylift {
 
-// The white-space separated tokens of a line; views into it.
+// Returns the white-space separated tokens of a line; views into it.
 std::vector<std::string_view> SplitTokens(std::string_view line);
 
-// The tokens of a line separated by `separator`, each trimmed; views into it.
+// Returns the tokens of a line separated by `separator`, each trimmed; views into it.
 std::vector<std::string_view> SplitBy(std::string_view line, char separator);
 
 std::string_view Trim(std::string_view text);
@@ -27,13 +27,13 @@ std::optional<double> ParseDouble(std::string_view token);
 std::optional<int64_t> ParseInt(std::string_view token);
 std::optional<uint64_t> ParseUint(std::string_view token);
 
-// The shortest text that reads back as the same double.
+// Returns the shortest text that reads back as the same double.
 std::string FormatDouble(double value);
 
 // Walks the lines of a text and knows where it is, for the messages.
 class LineReader {
  public:
-  // Reads the file; InputError where it cannot be read.
+  // Reads the file. Throws InputError where it cannot be read.
   explicit LineReader(const std::filesystem::path& path);
   LineReader(std::filesystem::path path_for_messages, std::string contents);
 
@@ -49,7 +49,7 @@ class LineReader {
   // Throws InputError "FILE: line N: MESSAGE".
   [[noreturn]] void Fail(std::string_view message) const;
 
-  // A finite number / a count from one token; `field` names it in the message.
+  // Returns the finite number, or the count, that a token holds; `field` names it in the message.
   double Double(std::string_view token, std::string_view field) const;
   int64_t Int(std::string_view token, std::string_view field) const;
   uint64_t Uint(std::string_view token, std::string_view field) const;
@@ -69,23 +69,25 @@ size_t EditDistance(std::string_view a, std::string_view b);
 // are more than a third of its letters.
 std::optional<std::string> ClosestName(std::string_view typed, std::span<const std::string> names);
 
-// "; did you mean NAME?", or nothing.
+// Returns "; did you mean NAME?", or nothing.
 std::string DidYouMean(std::string_view typed, std::span<const std::string> names);
 
 using TableRow = std::vector<std::string>;
 
-// The first column to the left, the others to the right; all rows are as long as the first.
+// Returns the rows as aligned text: the first column flush left, the others flush right. All rows
+// are as long as the first.
 std::string AlignColumns(std::span<const TableRow> rows);
 
-// One line of RFC 4180 with its end; fields are quoted where they must be.
+// Returns one line of CSV (RFC 4180) with its end; fields are quoted where they must be.
 std::string CsvLine(const TableRow& fields);
 
-// Control characters, which would break the lines of a table, become question marks.
+// Returns the text with question marks for control characters, which would break the lines of a
+// table.
 std::string Printable(std::string text);
 
-// Bytes as text of 64 letters (RFC 4648).
+// Returns bytes in Base64 (RFC 4648).
 std::string EncodeBase64(std::string_view bytes);
-// Throws InputError where the text is none. The padding may be left out.
+// Returns the bytes. Throws InputError where the text is no Base64. The padding may be left out.
 std::string DecodeBase64(std::string_view text);
 
 // Returns each name's place, from 0, in the order of the numbers in the names: img_2 is before

@@ -1,7 +1,7 @@
-// Which source of depth is best, where, and what is wrong with the others: every source is looked
-// at through every image, against one of them that is taken for the truth and, as often there is
-// none, against itself from other images and against matches. Images are streamed: memory holds the
-// maps of a few images, whatever their number.
+// Compares sources of depth: which is best, where, and what is wrong with the others. Every source
+// is looked at through every image, and compared with one source that is taken for the truth, with
+// itself as other images see it, and with matches between images; the last two need no truth.
+// Images are streamed: memory holds the maps of a few images, whatever their number.
 
 #pragma once
 
@@ -65,7 +65,7 @@ struct ImageComparison {
   double median_depth = 0;       // 0: no depth at all
   DepthCoverage coverage;        // of the truth, else of the image
   double quantization_step = 0;  // scene units
-  // Against the truth; none where the image has none in common.
+  // Against the truth; nullopt where the image has no depth in common with it.
   std::map<DepthProtocol, std::optional<DepthErrors>> errors;
   std::optional<DepthDeviation> deviation;
   std::optional<EdgeErrors> edges;
@@ -102,14 +102,14 @@ struct DepthComparison {
 
 struct DepthComparisonOptions {
   std::optional<size_t> truth;  // index of a source
-  // Larger images are compared at every n-th pixel along each side, at values that maps of the
-  // image's size hold themselves.
+  // Larger images are compared at every n-th pixel along each side, at the values that maps of the
+  // image's own size have there.
   int max_side_px = 640;
   int max_overlaps = 5;
   DepthRange range;  // of the errors against the truth; all else looks at every depth
   std::vector<double> surface_thresholds;  // scene units; empty: 1, 2 and 5 % of the median depth
   int threads = 0;
-  // Sees the maps of each image once, one call per image, from several threads.
+  // Is called once for each image with its maps, from several threads.
   std::function<void(size_t image, const PosedImage& view, std::span<const SourceView> views)>
       on_views = {};
   std::function<void()> on_progress = {};  // once per image and source
@@ -119,7 +119,8 @@ struct DepthComparisonOptions {
 // Returns the n of DepthComparisonOptions::max_side_px.
 int ComparedStride(const Camera& camera, int max_side_px);
 
-// `matches` count in `images` and may be empty. Results do not depend on the number of threads.
+// `matches` are between `images`, by their indices, and may be empty. The result does not depend on
+// the number of threads.
 DepthComparison CompareDepth(std::span<const ComparedSource> sources,
                              std::span<const PosedImage> images,
                              std::span<const ReferenceMatch> matches,

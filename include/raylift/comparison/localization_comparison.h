@@ -1,4 +1,4 @@
-// One method's result for one query, for people who want to know why.
+// The result of one method for one query, with what explains it.
 
 #pragma once
 
@@ -30,7 +30,7 @@ struct QueryDetail {
   size_t inliers_2d3d = 0, inliers_2d2d = 0;
   std::string solver;  // that the pose comes from; empty without a pose
   std::optional<Rigid3> cam_from_world;
-  // Select's two poses.
+  // The poses of P3P and E5+1 that Select chooses from.
   struct Candidate {
     std::string solver;
     PoseError error;
@@ -38,7 +38,7 @@ struct QueryDetail {
     bool chosen = false;
   };
   std::vector<Candidate> candidates;
-  // Lifted keypoints of the query, evenly thinned.
+  // A lifted keypoint of the query; they are thinned evenly.
   struct Keypoint {
     Eigen::Vector2d pixel;
     bool is_inlier = false;
@@ -63,7 +63,8 @@ struct LocalizationGrid {
   int threads = 0;
 };
 
-// One way to localize, rated. What does not matter to a method (E5+1 needs no geometry) is empty.
+// One configuration of localization with its ratings. What does not matter to its method is empty
+// (E5+1 needs no geometry).
 struct LocalizationRow {
   std::string source, alignment, filter, method;
   bool is_oracle = false;  // chosen with the ground truth
@@ -71,7 +72,8 @@ struct LocalizationRow {
   ResultSummary summary;
   std::vector<Interval> recalls;  // 95 %, one per threshold
   Interval median_position;
-  // Per threshold, recall minus that of the best row that is no oracle; noise where it contains 0.
+  // For each threshold, the recall minus that of the best row that is no oracle; where the interval
+  // contains 0, the difference may be chance.
   std::vector<Interval> difference_to_best;
   bool is_best = false;                        // at any threshold
   std::vector<double> median_inliers;          // 2D-3D and 2D-2D
@@ -88,14 +90,14 @@ struct LocalizationComparison {
 // Hooks are called from any thread.
 struct LocalizationHooks {
   std::function<void()> on_query = {};
-  // Returns the kept JSON of all configurations for a query, for a run that goes on; where there is
-  // none or it makes no sense, the query is localized.
+  // Returns the kept JSON of all configurations for a query, for a run that goes on; nullopt where
+  // there is none. The query is then localized, as where the JSON makes no sense.
   std::function<std::optional<std::string>(size_t query)> kept = {};
   std::function<void(size_t query, const std::string& outcomes)> keep = {};
 };
 
-// Each source of the scene alone. `reference_matches` align depth where the grid asks for it;
-// `ground_truth` must hold queries.
+// Localizes the queries by each source of the scene alone. `reference_matches` align depth where
+// the grid asks for it; `ground_truth` must hold queries.
 LocalizationComparison CompareLocalization(const Scene& scene, std::span<const Query> queries,
                                            std::shared_ptr<const MatchSource> matches,
                                            std::span<const ReferenceMatch> reference_matches,

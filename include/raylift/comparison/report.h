@@ -26,7 +26,7 @@ struct ReportOptions {
 // Collects the pictures of a comparison while it runs.
 class ReportPictures {
  public:
-  // Which images are shown, and the range of depth for the colors, follow from the sources.
+  // The sources determine which images are shown, and the range of depth of the colors.
   ReportPictures(std::span<const ComparedSource> sources, std::span<const PosedImage> images,
                  std::optional<size_t> truth, const ReportOptions& options);
   ~ReportPictures();
@@ -49,8 +49,8 @@ std::string FormatReport(const DepthComparison& comparison,
                          std::span<const PosedImage> references,
                          std::span<const PosedImage> true_queries, const ReportOptions& options);
 
-// One result on the page of `raylift evaluate`, which shows recalls, errors of each query, poses in
-// 3D.
+// One result on the page of `raylift evaluate`, which shows recalls, the errors of each query, and
+// the poses in 3D.
 struct EvaluatedResult {
   ResultSummary summary;
   Comparison comparison;

@@ -1,6 +1,6 @@
-// The field's data sets, each in the layout in which it is published, as scenes. Every convention
-// of theirs (camera to world, camera centers, quaternions with w last, OpenGL's axes) is converted
-// here, once. Photographs and depth maps stay where they are.
+// Imports the field's data sets, each in the layout in which it is published, as scenes. All of
+// their conventions (camera to world, camera centers, quaternions with w last, OpenGL's axes) are
+// converted here, once. Photographs and depth maps stay where they are.
 
 #pragma once
 
@@ -20,7 +20,7 @@
 
 namespace raylift {
 
-// How the photographs of 7-Scenes get their poses, which are published for the depth camera.
+// The poses of the photographs of 7-Scenes, which are published for the depth camera.
 enum class SensorCalibration {
   kColor,  // moved to the color camera
   kRaw,    // as published, as if both cameras stood in one place
@@ -38,7 +38,7 @@ struct ImportOptions {
   std::string split = "validation";
   SensorCalibration calibration = SensorCalibration::kColor;
   // A folder of SCENE_train.txt and SCENE_test.txt with poses and focal lengths for 7-Scenes or 12
-  // Scenes (Brachmann et al., ICCV 2021), which replace the data set's.
+  // Scenes (Brachmann et al., ICCV 2021), which replace those of the data set.
   std::filesystem::path pseudo_ground_truth = {};
   // Replaces the data set's intrinsics, for all images.
   std::optional<Camera> camera = std::nullopt;
@@ -70,18 +70,19 @@ struct Dataset {
                                        const ImportOptions& options);
 };
 
-// All that can be imported.
+// Returns all data sets that can be imported.
 std::span<const Dataset> AllDatasets();
 std::string DatasetNames();  // "7scenes|12scenes|..."
 
-// The scenes in a folder of the data set of this name: one, but for Extended CMU Seasons, where a
-// folder of several slices is one scene each. Throws OptionError for an unknown name, InputError
-// naming file and field where the folder does not have the layout, or where no image is left.
+// Returns the scenes in a folder of the data set of this name: one, except for Extended CMU
+// Seasons, where a folder of several slices is one scene each. Throws OptionError for an unknown
+// name, InputError naming file and field where the folder does not have the layout, or where no
+// image is left.
 std::vector<ImportedScene> ImportDataset(std::string_view name, const std::filesystem::path& folder,
                                          const ImportOptions& options = {});
 
-// The frames of a transforms.json of nerfstudio or instant-ngp, by name, in the world that the
-// images were in before nerfstudio moved them. Of photographs only the sizes are read, and only
+// Returns the frames of a transforms.json of nerfstudio or instant-ngp, by name, in the world that
+// the images were in before nerfstudio moved them. Of photographs only the sizes are read, and only
 // where the file has none. Appends to `warnings` what was left out and what was assumed. Throws
 // InputError naming file and field.
 std::vector<PosedImage> ReadTransforms(const std::filesystem::path& file,

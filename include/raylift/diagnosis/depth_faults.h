@@ -1,5 +1,5 @@
-// Faults of a source of depth by name: each kind of error leaves its own trace in
-// r = ln(estimated / true).
+// Names the faults of a source of depth by the trace that each kind of error leaves in r =
+// ln(estimated / true).
 //
 //   scale            the median of r over everything       per-image scale   its spread over images
 //   warp             the spread of the medians of r over blocks of an image
@@ -28,13 +28,14 @@
 
 namespace raylift {
 
-// The noise among pixels of similar depth.
+// The noise of pixels of similar depth.
 struct NoiseLevel {
   double depth;
   double sigma;  // of r
 };
 
-// The traces in one image. Deviations are of r, robust (1.4826 times the median absolute one).
+// The traces of the errors in one image. Deviations are of r, robust (1.4826 times the median
+// absolute deviation).
 struct DepthDeviation {
   size_t count = 0;  // pixels that both maps know
   double log_scale = 0;
@@ -46,13 +47,13 @@ struct DepthDeviation {
   double in_front_percent = 0;          // of the interior
   double edges_per_pixel_in_front = 0;  // that the truth does not have
 };
-// `to_true_edge_px` is the distance of each pixel to the nearest depth edge of the truth. None
-// where the maps have fewer than 100 pixels in common.
+// Measures the traces in one image. `to_true_edge_px` is the distance of each pixel to the nearest
+// depth edge of the truth. Returns nullopt where the maps have fewer than 100 pixels in common.
 std::optional<DepthDeviation> MeasureDeviation(const DepthMap& estimated, const DepthMap& truth,
                                                std::span<const float> to_true_edge_px);
 
-// The power of depth that the noise of r grows with: about -1 for additive noise, 0 for
-// multiplicative, 1 for that of stereo and structured light. None where all is of similar depth.
+// Returns the exponent k of sigma(r) ~ depth^k: about -1 for additive noise, 0 for multiplicative,
+// 1 for that of stereo and structured light. nullopt where all depths are similar.
 std::optional<double> NoiseExponent(std::span<const NoiseLevel> levels);
 
 enum class DepthFault {
@@ -68,7 +69,7 @@ enum class DepthFault {
   kBubbles,
   kQuantization,
   kHoles,
-  // Causes of all that is wrong, found by trying (diagnosis/depth_explanation.h):
+  // Causes of all of the error, found by fitting them (diagnosis/depth_explanation.h):
   kShift,
   kZoom,
   kLens,
@@ -127,11 +128,11 @@ inline constexpr auto kEnumNames<DepthFault> = std::to_array<EnumName<DepthFault
 struct Finding {
   DepthFault fault;
   double amount = 0;    // what the text says, as a number
-  double severity = 0;  // in units of the least that is worth a word
+  double severity = 0;  // in units of the least that is large enough to be reported
   std::string text;     // "scale: depth is 10.2 % too large"
 };
 
-// Knowledge of one source, from the images together; nullopt if not measured.
+// The measured traits of one source, over all images; nullopt where not measured.
 struct SourceTraits {
   std::optional<double> log_scale;        // of the median image
   std::optional<double> log_scale_sigma;  // between images
@@ -145,39 +146,40 @@ struct SourceTraits {
   std::optional<double> relative_quantization;  // step over median depth
   std::optional<double> missing_percent;
 };
-// The gravest first.
+// Returns the faults, the gravest first.
 std::vector<Finding> FindFaults(const SourceTraits& traits);
 
-// 1.4826 times the median absolute deviation from the median; 0 for no values.
+// Returns 1.4826 times the median absolute deviation from the median; 0 for no values.
 double RobustSigma(std::vector<double> values);
 
-// Why maps of depth differ from the truth, see diagnosis/depth_explanation.h.
+// The cause that explains best why depth maps differ from the truth, see
+// diagnosis/depth_explanation.h.
 struct DepthExplanation {
-  // The mean |ln(estimated / true)| of the judged pixels, and of that what noise makes.
+  // The mean |ln(estimated / true)| of the judged pixels, and the part of it that noise makes.
   double error = 0;
   double noise = 0;
-  // The error can be told from noise, with any cause or none.
+  // The error is more than noise, with any cause or none.
   bool is_beyond_noise = false;
-  // kScale: a factor of its own for each view does it, which other measures know more of.
+  // kScale: a factor for each view explains the error; other measures tell more of it.
   std::optional<DepthFault> cause;
-  // Shift: x, y in pixels of the image by which the map lies off. Rotation: the vector in degrees,
-  // displacement: scene units, of cam_from_map_camera. Zoom: the map's focal length over the true
-  // one. Lens: k in w(p) = c + (p - c) (1 + k (|p - c| / f)^2). Time offset: frames. Offset: b,
-  // scene units. Affine, inverse offset: medians of a and b over the views. Clamp: c. Quantization:
-  // step (scene units, or of inverse depth: 1 / scene units) and bits of the largest value.
-  // Smoothing: standard deviation in pixels of the image. Flipped: 1 or 0 for x, y. Ray length: 1
-  // if lengths are read as z, -1 for the reverse. Disparity: medians of a and b in a / true + b.
-  // Power law: medians of p and a in a true^p. Depth curve: true depth and relative error, three
-  // times. Median: side of the window in pixels of the image; fattened foreground: pixels of the
-  // image by which it reaches too far.
+  // The parameters of the cause. Shift: x, y in pixels of the image by which the map lies off.
+  // Rotation: the vector in degrees, displacement: scene units, of cam_from_map_camera. Zoom: the
+  // map's focal length over the true one. Lens: k in w(p) = c + (p - c) (1 + k (|p - c| / f)^2).
+  // Time offset: frames. Offset: b, scene units. Affine, inverse offset: medians of a and b over
+  // the views. Clamp: c. Quantization: step (scene units, or of inverse depth: 1 / scene units) and
+  // bits of the largest value. Smoothing: standard deviation in pixels of the image. Flipped: 1 or
+  // 0 for x, y. Ray length: 1 if lengths are read as z, -1 for the reverse. Disparity: medians of a
+  // and b in a / true + b. Power law: medians of p and a in a true^p. Depth curve: true depth and
+  // relative error, three times. Median: side of the window in pixels of the image; fattened
+  // foreground: pixels of the image by which it reaches too far.
   std::vector<double> size;
   double explained_percent = 0;   // of what is beyond noise
   std::vector<DepthFault> alike;  // the best causes where they explain it alike; none is named
-  // Of the pixels at depth edges, those that lie between the two surfaces.
+  // Share of the pixels at depth edges that lie between the two surfaces, percent.
   double flying_percent = 0;
   std::string worst_place;  // "cam/1.jpg at 320, 240": of the largest errors
   std::string text;  // "shift: maps lie 2.0, -1.0 px off"; of causes that explain it alike: which
-  double severity = 0;  // in units of the least that is worth a word
+  double severity = 0;  // in units of the least that is large enough to be reported
 };
 
 }  // namespace raylift

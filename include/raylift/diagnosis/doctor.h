@@ -1,7 +1,7 @@
-// Tells whether a scene's input is read as it was meant, without ground truth. Each reading of the
-// depth maps and poses (z or ray length or inverse, unit, flips, half a pixel, inverted poses,
-// OpenGL's axes) lifts the references' keypoints elsewhere; under the right one they project onto
-// their matches in the other references.
+// Tells without ground truth whether a scene's input is read as it was meant. Under each reading of
+// the depth maps and poses (z, ray length or inverse depth, unit, flips, half a pixel, inverted
+// poses, OpenGL's axes) the references' keypoints are lifted to other points; under the right one
+// these project onto their matches in the other references.
 //
 // Only matches that agree with the poses are asked: where too few do, no depth is to blame.
 //
@@ -39,7 +39,7 @@
 
 namespace raylift {
 
-// The maps themselves, for faults of what they store.
+// Gives the maps themselves, to find faults in the values that they store.
 struct StoredMaps {
   std::function<std::shared_ptr<const DepthMap>(const PosedImage&)> load;
   double unit = 1;  // what a stored 1 is as read
@@ -51,11 +51,11 @@ struct DoctorInput {
   std::span<const PosedImage> references;
   std::span<const ReferenceMatch> matches;
   DataConvention as_read = {};
-  // The size of depth maps; nullopt for a surface in the world (a mesh), of which only the poses
-  // are in doubt.
+  // The size of the depth maps; nullopt for a surface in the world (a mesh), for which only the
+  // poses are in doubt.
   std::optional<PlaneSize> map_size_px = std::nullopt;
   std::optional<StoredMaps> stored = std::nullopt;
-  // The mesh of a surface, where it is tested whether it is where the references are; may be null.
+  // The mesh, for the test whether it lies where the references are; may be null.
   std::shared_ptr<const RayCaster> mesh = nullptr;
   MeshPlacement as_placed = {};  // of the mesh, which has it already
 };
@@ -73,33 +73,34 @@ struct DoctorOptions {
   int threads = 0;
 };
 
-// The evidence of the matches for a convention: a keypoint lifted in one reference, seen in
-// another.
+// The evidence of the matches for a convention: errors of keypoints that are lifted in one
+// reference and projected into another.
 struct ConventionEvidence {
   DataConvention convention;
   size_t num_keypoints = 0;  // that have a depth under this reading
   double median_px = 0;      // their distance from their matches
   double share_within_5px = 0;
   double median_own_scale_px = 0;  // with each map at the scale that suits it best
-  // Better than as read (negative: worse): the mean gain in c, and over its standard error.
+  // The gain over the input as read (negative: worse): its mean in c, and that over its standard
+  // error.
   double gain = 0;
   double sigmas = 0;
 };
 
-// Says what differs from `as_read` ("ray length, not z; depth x 0.001").
+// Returns how a convention differs from `as_read` ("ray length, not z; depth x 0.001").
 std::string DescribeDifference(const DataConvention& as_read, const DataConvention& other);
 
-// What changes `as_read` into the other: keys of the geometry's specification, and what the model's
-// poses are.
+// The options that change `as_read` into the other convention: keys of the geometry's
+// specification, and the convention of the model's poses.
 struct RepairOptions {
   std::vector<std::string> geometry_keys;  // "kind=ray"
   std::optional<PoseConvention> model_poses = std::nullopt;
-  // Keys that the specification has and the others stand in place of, or nothing does.
+  // Keys of the specification that the others replace, or that are to be removed.
   std::vector<std::string> replaced_keys = {};
 };
 RepairOptions FindRepair(const DataConvention& as_read, const DataConvention& other);
 
-// "in the geometry: kind=ray,scale=0.001; model_poses = opengl"
+// Returns "in the geometry: kind=ray,scale=0.001; model_poses = opengl".
 std::string ToString(const RepairOptions& repair);
 
 enum class InputVerdict {
@@ -116,7 +117,7 @@ inline constexpr auto kEnumNames<InputVerdict> = std::to_array<EnumName<InputVer
     {InputVerdict::kTooFewMatches, "too_few_matches"},
 });
 
-// Faults that are no matter of conventions.
+// Faults that no other convention repairs.
 enum class InputFault {
   kNone,
   kPoses,      // they do not agree with the matches
@@ -159,7 +160,7 @@ struct Diagnosis {
   std::vector<ConventionEvidence>
       conventions;       // `best` first, then by how well they explain the data
   RepairOptions repair;  // empty unless that is the verdict
-  // The placement that repairs the mesh as its files have it, in place of any that it is read with.
+  // The placement that repairs the mesh; it replaces the one with which the mesh was read.
   std::optional<MeshPlacement> mesh_placement = std::nullopt;
   ConventionFit fit;  // of the best
 
@@ -174,10 +175,10 @@ struct Diagnosis {
       const DataConvention& convention) const;  // one that is listed
 };
 
-// The same for any number of threads.
+// Finds out which reading fits. The result does not depend on the number of threads.
 Diagnosis Diagnose(const DoctorInput& input, const DoctorOptions& options = {});
 
-// One line that says what is suspected, why, and what repairs it.
+// Returns one line that says what is suspected, why, and what repairs it.
 std::string Summary(const Diagnosis& diagnosis);
 
 }  // namespace raylift

@@ -45,7 +45,7 @@ struct DepthErrors {
 std::optional<DepthErrors> ComputeDepthErrors(std::span<const float> estimated,
                                               std::span<const float> truth);
 
-// e becomes scale * e + shift, or 1 / e becomes scale / e + shift.
+// Aligns depth e with the truth: e becomes scale * e + shift, or 1 / e becomes scale / e + shift.
 struct DepthFit {
   double scale = 1;
   double shift = 0;  // scene units; of inverse depth: 1 / scene units
@@ -61,8 +61,8 @@ enum class DepthFitKind {
 std::optional<DepthFit> FitDepth(std::span<const float> estimated, std::span<const float> truth,
                                  DepthFitKind kind);
 
-// The depths that an evaluation looks at, scene units: truth outside does not count, and aligned
-// depth is clamped to it, as Eigen et al.'s code does (NYU: to 10 m, KITTI: 0.001 to 80 m).
+// The depths, in scene units, that an evaluation looks at: truth outside does not count, and
+// aligned depth is clamped to it, as Eigen et al.'s code does (NYU: to 10 m, KITTI: 0.001 to 80 m).
 struct DepthRange {
   double min = 0;
   double max = std::numeric_limits<double>::infinity();
@@ -72,12 +72,13 @@ struct DepthRange {
   bool Contains(double z) const { return z >= min && z <= max; }
 };
 
-// Values that are not positive afterwards become the end of `range` that they lie beyond, or 0
-// where it has none. Depth beyond infinity is far: an inverse depth <= 0 becomes the largest.
+// Returns the aligned depths. Values that are not positive become the end of `range` that they lie
+// beyond, or 0 where it has none. Depth beyond infinity is far: an inverse depth <= 0 becomes the
+// largest.
 std::vector<float> ApplyFit(std::span<const float> estimated, const DepthFit& fit,
                             const DepthRange& range = {});
 
-// The papers of depth networks align a map with the truth in these ways, image by image.
+// The ways in which the papers of depth networks align a map with the truth, image by image.
 enum class DepthProtocol { kMetric, kScale, kAffine, kScaleInverse, kAffineInverse };
 template <>
 inline constexpr auto kEnumNames<DepthProtocol> = std::to_array<EnumName<DepthProtocol>>({
@@ -115,7 +116,7 @@ class BinnedDepthErrors {
   BinnedDepthErrors() = default;
   explicit BinnedDepthErrors(std::vector<double> edges);  // ascending, at least two
 
-  // `at` holds the value that decides on each pixel's bin; negative: unknown.
+  // Adds pixels. `at` holds the value that determines each pixel's bin; negative: unknown.
   void Add(std::span<const float> estimated, std::span<const float> truth,
            std::span<const float> at);
   void Add(const BinnedDepthErrors& other);  // of the same edges
@@ -138,13 +139,13 @@ struct NormalErrors {
 std::optional<NormalErrors> ComputeNormalErrors(std::span<const float> estimated,
                                                 std::span<const float> truth);
 
-// The share of what the truth knows that a map knows, and how its holes are spread.
+// The share of the truth's pixels that a map covers, and how its holes are spread.
 struct DepthCoverage {
   double covered_percent = 0;      // of the truth's pixels (of all pixels where there is no truth)
   double holes_per_megapixel = 0;  // connected holes (4-neighbors) of at least 4 pixels
   double invented_percent = 0;     // of all pixels: the map has depth where the truth has none
 };
-// `truth` may be empty: then nothing is invented.
+// Returns the coverage. `truth` may be empty: then no depth is invented.
 DepthCoverage ComputeCoverage(std::span<const float> estimated, std::span<const float> truth,
                               int width_px);
 
@@ -159,10 +160,10 @@ struct SurfaceScore {
 SurfaceScore ComputeSurfaceScore(std::span<const float> to_truth, std::span<const float> from_truth,
                                  double threshold);
 
-// Jumps of depth, and how well those of one map lie on those of another: the depth boundary
-// errors of Koch et al., "Evaluation of CNN-based Single-Image Depth Estimation Methods" (2018).
-// Edges here are jumps of depth itself rather than Canny's on a normalized picture, so that they
-// mean the same in every map.
+// Depth edges, and how well those of one map lie on those of another: the depth boundary errors of
+// Koch et al., "Evaluation of CNN-based Single-Image Depth Estimation Methods" (2018). Edges here
+// are jumps of depth itself rather than Canny's on a normalized picture, so that they mean the same
+// in every map.
 
 // Returns 1 where a pixel's depth is smaller than that of one of its 4 neighbors by more than
 // `min_jump` times its own; holes make no edges.
@@ -175,11 +176,11 @@ std::vector<float> DistanceToSet(std::span<const uint8_t> mask, int width_px);
 struct EdgeErrors {
   size_t num_true = 0;
   size_t num_estimated = 0;
-  // Mean distance in pixels of estimated edges to true ones, of those closer than `max_px`; none
+  // Mean distance in pixels of estimated edges to true ones, of those closer than `max_px`; nullopt
   // where there are none.
   std::optional<double> accuracy_px;
-  // Mean distance of true edges to estimated ones, no distance counting more than `max_px`; none
-  // where there are no true edges.
+  // Mean distance in pixels of true edges to estimated ones, each at most `max_px`; nullopt where
+  // there are no true edges.
   std::optional<double> completeness_px;
   double spurious_percent = 0;  // of the estimated edges: `max_px` or farther from any true one
 };

@@ -1,6 +1,5 @@
-// Depth maps and odometry made worse on purpose, each in the way that some source of them is bad:
-// to learn what a localizer stands, and to check that a comparison names what is wrong. The same
-// seed gives the same errors.
+// Perturbs depth maps and odometry, each in the way that some source of them is bad: to test what a
+// localizer withstands, and that a comparison names the fault. The same seed gives the same errors.
 
 #pragma once
 
@@ -16,8 +15,9 @@
 
 namespace raylift {
 
-// Each kind draws from a stream of its own by seed and image, so that adding one leaves the others
-// as they were. Applied in this order; 0 (a factor of 1) leaves the depth alone. Holes stay holes.
+// The perturbations are applied in this order; 0 (for a factor, 1) leaves the depth as it is. Holes
+// stay holes. Each kind draws from a random stream of its own by seed and image, so that adding one
+// leaves the others as they were.
 struct DepthPerturbation {
   double scale = 1;           // one factor for all images
   double scale_sigma = 0;     // ln of a factor per image
@@ -42,14 +42,14 @@ struct DepthPerturbation {
   bool operator==(const DepthPerturbation&) const = default;
 };
 
-// Returns the mean of the known depths by weights of a Gaussian of `sigma_px`, up to three of it
-// away; holes stay holes.
+// Returns the depth smoothed by a Gaussian of `sigma_px`: the weighted mean of the known depths
+// within 3 sigma. Holes stay holes.
 DepthMap SmoothDepth(const DepthMap& map, double sigma_px);
 
 DepthMap PerturbDepth(const DepthMap& map, const DepthPerturbation& perturbation,
                       std::string_view image_name);
 
-// What a network says beside its depth.
+// The confidence map that stands beside the depth of a simulated network.
 enum class MadeConfidence {
   kNone,
   kInformative,  // falls with the size of the errors around, but knows of no scale and no warp
@@ -62,14 +62,14 @@ inline constexpr auto kEnumNames<MadeConfidence> = std::to_array<EnumName<MadeCo
     {MadeConfidence::kRandom, "random"},
 });
 
-// Returns the confidences, from 1 on, of what PerturbDepth() makes of a map. Not of kNone.
+// Returns confidences, from 1 on, for the map that PerturbDepth() makes. `kind` must not be kNone.
 DepthMap ConfidenceOfPerturbed(const DepthMap& map, const DepthPerturbation& perturbation,
                                MadeConfidence kind, std::string_view image_name);
 
-// Odometry made from a true trajectory, with the faults that odometry has.
+// Makes odometry from a true trajectory, with the errors that odometry has.
 
-// Errors of drift are drawn for each step of the way, so that they add up as in a random walk:
-// their deviation grows with the way's root.
+// Errors of drift are drawn for each step, so that they add up as in a random walk: their deviation
+// grows with the square root of the way.
 struct OdometryPerturbation {
   double drift_sigma = 0;     // of the position over a scene unit of way, per axis, scene units
   double turn_sigma_deg = 0;  // of the orientation over a scene unit of way, per axis
@@ -86,7 +86,7 @@ struct OdometryPose {
   Rigid3 cam_from_odometry;
 };
 
-// The odometry's world is the first camera's frame.
+// Returns the odometry of a trajectory. Its world is the first camera's frame.
 std::vector<OdometryPose> PerturbOdometry(std::span<const Rigid3> cam_from_world,
                                           const OdometryPerturbation& perturbation, uint64_t seed);
 

@@ -30,20 +30,20 @@ using PosesByName = std::map<std::string, Rigid3>;
 
 struct QueryError {
   std::string name;                // the ground truth's
-  std::optional<PoseError> error;  // none: not localized
+  std::optional<PoseError> error;  // nullopt: not localized
 };
 
-// One method's poses against the ground truth.
+// The poses of one method compared with the ground truth.
 struct Comparison {
   std::vector<QueryError> queries;         // every query of the ground truth, by name
   std::vector<std::string> unknown_names;  // estimated, but not in the ground truth
   bool uses_ground_truth = false;          // an oracle's: not a method one could run
 };
 
-// Names match exactly; else an estimate's name may be the end of one true name, from a `/` on
-// (hloc's result files hold `image.png` or `seq/image.png` for `dir/seq/image.png`), where it is
-// the only such estimate, fits no other true name and that one has no exact estimate. A non-finite
-// pose counts as not localized.
+// Compares poses of equal names. Names match exactly; else an estimate's name may be the end of one
+// true name, from a `/` on (hloc's result files hold `image.png` or `seq/image.png` for
+// `dir/seq/image.png`), where it is the only such estimate, fits no other true name and that one
+// has no exact estimate. A non-finite pose counts as not localized.
 Comparison CompareWithGroundTruth(const PosesByName& ground_truth, const PosesByName& estimated);
 
 // Returns the estimated poses under the names of the ground truth, by the same rule; unknown ones
@@ -60,7 +60,7 @@ std::map<std::string, Comparison> SplitByGroup(
 // with the ground truth. Both comparisons must be with the same ground truth.
 Comparison ChooseByOracle(const Comparison& a, const Comparison& b, double cm_per_scene_unit = 100);
 
-// Calibration says whether the covariances of poses tell how wrong the poses are.
+// Calibration of the covariances of poses: whether they tell how wrong the poses are.
 
 struct UncertainPose {
   Rigid3 estimated_cam_from_world;
@@ -69,8 +69,8 @@ struct UncertainPose {
   Eigen::Matrix<double, 6, 6> covariance;
 };
 
-// Right covariances have the mean 1 and the coverage 0.9; where poses are less sure than they say,
-// the mean is larger and the coverage smaller. A few poses that are far off rule the mean, not the
+// With right covariances the mean is 1 and the coverage 0.9; where they are too small, the mean is
+// larger and the coverage smaller. A few poses that are far off dominate the mean, not the
 // coverage.
 struct Calibration {
   size_t poses = 0;
@@ -81,7 +81,7 @@ struct Calibration {
   double share_below_3_sigma = 0;  // of the same
 };
 
-// Covariances that are singular are left out.
+// Returns the calibration. Singular covariances are left out.
 Calibration Calibrate(std::span<const UncertainPose> poses);
 
 // The field's figures of merit: the share of queries localized within error thresholds, and median
@@ -91,16 +91,16 @@ struct Threshold {
   double position;  // scene units
   double rotation_deg;
 
-  // Within both, or exactly at them.
+  // Returns whether both errors are at most the thresholds.
   bool Accepts(const PoseError& error) const {
     return error.position <= position && error.rotation_deg <= rotation_deg;
   }
   bool operator==(const Threshold&) const = default;
 };
 
-// "0.05,5:0.1,1:0.25,2", that is position,degrees between colons, or the name of a data set, whose
-// customary thresholds (in meters) they are. OptionError, in the name of "thresholds", on anything
-// but positive finite numbers in pairs.
+// Parses "0.05,5:0.1,1:0.25,2" (position,degrees between colons), or the name of a data set with
+// customary thresholds in meters. Throws OptionError, of the name "thresholds", on anything but
+// pairs of positive finite numbers.
 std::vector<Threshold> ParseThresholds(std::string_view text);
 std::string ThresholdPresetNames();  // "aachen|robotcar|..."
 
@@ -119,7 +119,7 @@ struct ResultSummary {
   std::optional<Calibration> calibration = std::nullopt;  // where covariances are known
 };
 
-// InputError where the ground truth holds no queries.
+// Summarizes a comparison. Throws InputError where the ground truth holds no queries.
 ResultSummary Summarize(std::string name, const Comparison& comparison,
                         std::span<const Threshold> thresholds);
 
@@ -127,10 +127,12 @@ ResultSummary Summarize(std::string name, const Comparison& comparison,
 // all have one.
 std::string DescribeMissing(const ResultSummary& summary);
 
-// One line for the user where poses were left out for not being in the ground truth; else empty.
+// Returns one line for the user where poses were left out as they are not in the ground truth; else
+// an empty text.
 std::string UnknownNamesWarning(const ResultSummary& summary);
 
-// One table of results in three forms. A number is rounded once, so that all forms hold the same.
+// One table of results, which can be written in three forms. A number is rounded once, so that all
+// forms hold the same.
 
 // The summaries must be of the same thresholds.
 struct ResultTable {
@@ -138,18 +140,18 @@ struct ResultTable {
   std::span<const ResultSummary> results;
 };
 
-// Aligned columns for reading. Results that use the ground truth are marked by a star. After it,
-// for the results that have one, their calibration.
+// Returns aligned columns for reading. Results that use the ground truth are marked by a star. The
+// calibrations of the results that have one follow.
 std::string FormatTableText(const ResultTable& table);
 
-// RFC 4180 with one header line. An infinite median is `inf`.
+// Returns CSV (RFC 4180) with one header line. An infinite median is `inf`.
 std::string FormatTableCsv(const ResultTable& table);
 
-// {"thresholds": [{position, rotation_deg}], "results": [{name, uses_ground_truth, queries,
+// Returns {"thresholds": [{position, rotation_deg}], "results": [{name, uses_ground_truth, queries,
 // localized, unknown, recalls_percent: [...], median_position, median_rotation_deg, missing_names,
 // unknown_names, calibration: {poses, mean_normalized_square, median_normalized_square,
-// coverage_90_percent, median_sigmas, below_3_sigma_percent}}]}, the last where it is known. An
-// infinite median is null, as JSON has no such number.
+// coverage_90_percent, median_sigmas, below_3_sigma_percent}}]}. The calibration is there where it
+// is known. An infinite median is null, as JSON has no such number.
 std::string FormatTableJson(const ResultTable& table);
 
 struct Interval {
@@ -158,9 +160,9 @@ struct Interval {
   bool Contains(double value) const { return low <= value && value <= high; }
 };
 
-// Says whether a difference between two methods is more than luck with the queries: the bootstrap
-// (Efron 1979). Queries are drawn with replacement, all methods are rated on the same draws, and
-// the middle 95 % of what comes out is the interval.
+// Tells by the bootstrap (Efron 1979) whether a difference between two methods is more than chance.
+// Queries are drawn with replacement, all methods are rated on the same draws, and the middle 95 %
+// of the results is the interval.
 class QueryBootstrap {
  public:
   // Draws depend on the seed and the numbers alone. num_queries > 0.
@@ -169,11 +171,12 @@ class QueryBootstrap {
   // Returns the interval of the recall in percent. The comparison must have `num_queries` queries.
   Interval RecallPercent(const Comparison& comparison, const Threshold& threshold) const;
 
-  // Returns that of recall(a) - recall(b) in percent. Where it contains 0, the difference is noise.
+  // Returns the interval of recall(a) - recall(b) in percent. Where it contains 0, the difference
+  // may be chance.
   Interval RecallDifferencePercent(const Comparison& a, const Comparison& b,
                                    const Threshold& threshold) const;
 
-  // Returns that of the mean of one value per query.
+  // Returns the interval of the mean of one value per query.
   Interval Mean(std::span<const double> per_query) const;
 
   // The mean of `first` minus the largest mean of `others`, which is looked for anew in each
@@ -187,7 +190,7 @@ class QueryBootstrap {
   Difference ToBest(std::span<const double> first,
                     std::span<const std::vector<double>> others) const;
 
-  // Returns that of the median position error; infinite where half of a draw has no pose.
+  // Returns the interval of the median position error; infinite where half of a draw has no pose.
   Interval MedianPosition(const Comparison& comparison) const;
 
  private:
@@ -201,7 +204,7 @@ class QueryBootstrap {
 struct ErrorStatistics {
   double rmse = 0, mean = 0, median = 0, std = 0, min = 0, max = 0, sse = 0;
 };
-// Of no errors, zeros.
+// Returns the statistics; zeros for no errors.
 ErrorStatistics StatisticsOf(std::vector<double> errors);
 
 struct TrajectoryErrors {
@@ -216,15 +219,15 @@ struct TrajectoryPose {
   Rigid3 true_cam_from_world;
 };
 
-// With the true world_from_cam Q and the estimated P, the errors are those of Q_i^-1 P_i and of
-// (Q_i^-1 Q_i+1)^-1 (P_i^-1 P_i+1).
+// Computes, with the true world_from_cam Q and the estimated P, the errors of Q_i^-1 P_i (APE) and
+// of (Q_i^-1 Q_i+1)^-1 (P_i^-1 P_i+1) (RPE).
 TrajectoryErrors CompareTrajectories(std::string name, std::span<const TrajectoryPose> poses);
 
-// Aligned columns, four rows for each trajectory.
+// Returns aligned columns, four rows for each trajectory.
 std::string FormatTrajectoryText(std::span<const TrajectoryErrors> trajectories);
 
-// [{name, poses, ape_position: {rmse, mean, median, std, min, max, sse}, ape_rotation_deg,
-// rpe_position, rpe_rotation_deg}]
+// Returns [{name, poses, ape_position: {rmse, mean, median, std, min, max, sse}, ape_rotation_deg,
+// rpe_position, rpe_rotation_deg}].
 std::string FormatTrajectoryJson(std::span<const TrajectoryErrors> trajectories);
 
 }  // namespace raylift

@@ -1,5 +1,5 @@
-// An experiment is scenes, a grid of ways to localize in them, and the tables, figures and
-// claims that are made of the results; and its file.
+// An experiment and its file: scenes, a grid of ways to localize in them, and the tables, figures
+// and claims that are made of the results.
 
 #pragma once
 
@@ -42,7 +42,7 @@ inline constexpr auto kEnumNames<Axis> = std::to_array<EnumName<Axis>>({
 });
 constexpr size_t kNumAxes = kEnumNames<Axis>.size();
 
-// The axes that say what the method is, and not what it is given.
+// Returns whether an axis is part of the method rather than of its input.
 constexpr bool IsOfMethod(Axis axis) { return axis >= Axis::kMethod; }
 
 // Stands for a method: the better pose of P3P's and E5+1's, chosen with the ground truth.
@@ -64,7 +64,7 @@ using AxisValue = std::variant<std::monostate, std::string, size_t, AlignMode, M
 inline bool Matters(const AxisValue& value) {
   return !std::holds_alternative<std::monostate>(value);
 }
-// As files and tables have it; empty for none.
+// Returns the text of a value in files and tables; empty for std::monostate.
 std::string TextOf(const AxisValue& value);
 
 struct Setting {
@@ -75,18 +75,18 @@ struct Setting {
   // The compiler compares an ordering with zero, which is no null pointer.
   auto operator<=>(const Setting&) const = default;  // NOLINT(modernize-use-nullptr)
 
-  // The value on an axis where it matters and is of this type, else null.
+  // Returns the value on an axis where it matters and is of this type, else null.
   template <typename T>
   const T* Find(Axis axis) const {
     return std::get_if<T>(&(*this)[axis]);
   }
-  // The axes that matter to every setting of a grid.
+  // Return the values on the axes that matter to every setting of a grid.
   const std::string& Scene() const { return std::get<std::string>((*this)[Axis::kScene]); }
   size_t Every() const { return std::get<size_t>((*this)[Axis::kEvery]); }
   bool Is(Method method) const { return (*this)[Axis::kMethod] == AxisValue(method); }
   bool IsOracle() const { return Find<Oracle>(Axis::kMethod) != nullptr; }
 
-  // "scene=demo every=5 ..." of the values that matter.
+  // Returns "scene=demo every=5 ..." of the values that matter.
   std::string Name() const;
 };
 
@@ -94,20 +94,21 @@ struct Setting {
 struct Selection {
   std::map<Axis, std::vector<AxisValue>> values;
 
-  // A value that does not matter to the setting matches.
+  // Returns whether the setting's values are selected. A value that does not matter to it matches.
   bool Matches(const Setting& setting) const;
 };
 
-// Where 3D points come from: sources of geometry, and what is made of their points. "{every}" in a
+// The geometry of a setting: its sources, and how their points are combined. "{every}" in a
 // specification stands for the subsampling.
 struct ExperimentGeometry {
   std::string name;
   std::string title;  // in tables
-  // As in --geometry, in the order in which they are asked; none where points are triangulated.
+  // Specifications as in --geometry, in the order in which they are asked; empty where points are
+  // triangulated.
   std::vector<std::string> specs;
   GeometryMode mode = GeometryMode::kFirst;
   CandidateOptions candidates = {};
-  // Depth maps of the one source at the references' size, made worse.
+  // Perturbation of the depth maps of the one source, at the references' size.
   std::optional<DepthPerturbation> perturbation = std::nullopt;
 };
 
@@ -142,7 +143,7 @@ struct NamedFilter {
   ConsistencyThresholds thresholds;
 };
 
-// All combinations of the values; an empty list: the axis' default.
+// All combinations of the values. An empty list stands for the axis' default.
 struct GridBlock {
   Selection axes;
 };
@@ -181,7 +182,7 @@ struct TableLayout {
   Selection where;
 };
 
-// States that one way is better than another, or not worse, judged by the paired bootstrap.
+// States that one method is better than another, or not worse, judged by the paired bootstrap.
 struct Claim {
   enum class Relation { kBetter, kNotWorse };
   std::string name;
@@ -190,7 +191,7 @@ struct Claim {
   Selection first;
   Selection second;  // of several, the best one
   Relation relation = Relation::kBetter;
-  // Where both are given, what is compared is not the value but how it changes between the two.
+  // Where both are given, the claim is on the change of the value between the two.
   Selection from, to;
 };
 template <>
@@ -199,7 +200,7 @@ inline constexpr auto kEnumNames<Claim::Relation> = std::to_array<EnumName<Claim
     {Claim::Relation::kNotWorse, "not_worse"},
 });
 
-// Where to begin to take every N-th reference.
+// The references from which every N-th one is taken.
 enum class SubsamplingOffsets {
   kFirst,  // at the first
   kAll,    // at each of the first N, pooled as seeds are
@@ -224,9 +225,9 @@ struct Experiment {
   std::vector<Claim> claims;
 
   const ExperimentScene& SceneOf(const Setting& setting) const;
-  // The setting must be one to which geometry matters.
+  // Returns the filter of a setting to which geometry matters.
   const NamedFilter& FilterOf(const Setting& setting) const;
-  // Null where geometry does not matter to the setting, or its scene has none of that name.
+  // Returns null where geometry does not matter to the setting, or its scene has none of that name.
   const ExperimentGeometry* GeometryOf(const Setting& setting) const;
 };
 
@@ -271,13 +272,14 @@ struct Experiment {
 // Paths are relative to the file; ${NAME} in any text stands for a variable.
 using VariableLookup = std::function<std::optional<std::string>(const std::string& name)>;
 
-// A scene file that is not there is only noted (ExperimentScene::file_is_missing), so that a file
-// can be looked at without its data. Throws InputError with the file and the key for what is
-// missing, unknown, of the wrong kind or out of range.
+// Reads an experiment. A scene file that is not there is only noted
+// (ExperimentScene::file_is_missing), so that an experiment can be looked at without its data.
+// Throws InputError with the file and the key for what is missing, unknown, of the wrong kind or
+// out of range.
 Experiment ReadExperiment(const std::filesystem::path& file, const VariableLookup& variables);
 
-// Every setting of the grid once, in the order of the file. Throws InputError naming the file where
-// a block names what is not there.
+// Returns every setting of the grid once, in the order of the file. Throws InputError naming the
+// file where a block names what is not there.
 std::vector<Setting> ExpandGrid(const Experiment& experiment);
 
 // Returns whether a setting's results are chosen from those of P3P and E5+1, without estimating:
@@ -285,10 +287,10 @@ std::vector<Setting> ExpandGrid(const Experiment& experiment);
 // or localization is continuous.
 bool IsChosen(const Setting& setting, const Experiment& experiment);
 
-// The settings that must be estimated for these, each once.
+// Returns the settings that must be estimated to get the results of these, each once.
 std::vector<Setting> SettingsToEstimate(const std::vector<Setting>& settings,
                                         const Experiment& experiment);
-// The P3P and E5+1 settings that a chosen one is chosen from.
+// Return the P3P and E5+1 settings that a chosen one is chosen from.
 Setting P3pOf(const Setting& setting);
 Setting E5p1Of(const Setting& setting);
 

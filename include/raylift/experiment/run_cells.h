@@ -1,6 +1,6 @@
-// The pieces of work of an experiment, and what comes out of them. A cell is one setting with one
-// seed on a block of a scene's queries; what comes out of it is kept in a file that is named by the
-// hash of all that went in, so that a cell is estimated once and a changed input is noticed.
+// Runs the cells of an experiment. A cell is one setting with one seed on a block of a scene's
+// queries; its results are kept in a file that is named by the hash of all its inputs, so that a
+// cell is estimated once and a changed input is noticed.
 
 #pragma once
 
@@ -42,21 +42,21 @@ class InputIdentity {
   std::map<std::filesystem::path, std::string> known_;
 };
 
-// The experiment's paths with the subsampling put in for "{every}".
+// Returns a path with the subsampling in place of "{every}".
 std::filesystem::path ForSubsampling(const std::filesystem::path& path, size_t every);
 
-// The queries of a scene, or those of its group. Throws InputError where there are none.
+// Returns the queries of a scene, or those of its group. Throws InputError where there are none.
 std::vector<Query> QueriesOf(const ExperimentScene& scene);
 
-// The inputs of the settings' scenes that are not there.
+// Returns the input files of the settings' scenes that are missing.
 std::vector<std::filesystem::path> MissingInputs(const Experiment& experiment,
                                                  std::span<const Setting> settings);
 
-// The offsets that subsampling is run with.
+// Returns the number of offsets with which the subsampling is run.
 size_t NumOffsets(const Experiment& experiment, const Setting& setting);
 
-// The cells of the settings, by scene, subsampling, block of queries, geometry. Throws InputError
-// where an input is missing.
+// Returns the cells of the settings, ordered by scene, subsampling, block of queries and geometry.
+// Throws InputError where an input is missing.
 std::vector<Cell> ListCells(const Experiment& experiment, std::span<const Setting> settings);
 
 // The result of one query.
@@ -78,7 +78,7 @@ class CellStore {
   explicit CellStore(std::filesystem::path folder);
 
   bool Has(const Cell& cell) const { return Read(cell).has_value(); }
-  // Returns nullopt if the cell was not estimated, or its file is no good.
+  // Returns nullopt if the cell was not estimated, or its file is damaged.
   std::optional<std::vector<QueryOutcome>> Read(const Cell& cell) const;
   void Write(const Cell& cell, std::span<const QueryOutcome> outcomes) const;
   std::filesystem::path FileOf(const Cell& cell) const;
@@ -88,7 +88,7 @@ class CellStore {
 };
 
 struct RunCellsOptions {
-  // Features that are made here and perturbed depth are kept here.
+  // Folder of the features that are made here and of perturbed depth.
   std::filesystem::path cache;
   int threads = 0;
   std::function<void()> on_estimate = {};              // of one query of one cell; from any thread
@@ -99,7 +99,7 @@ struct RunCellsOptions {
 // Estimates the cells that are not there yet; references, matches and lifted points are made once
 // for all cells that share them. `cells` is ordered as by ListCells(). Each is written to the store
 // the moment it is complete, and stays there where a watch of the call (base/call_watch.h) ends the
-// others. Returns what the user should be told. Results do not depend on the number of threads.
+// others. Returns warnings for the user. Results do not depend on the number of threads.
 std::vector<std::string> RunCells(const Experiment& experiment, std::span<const Cell> cells,
                                   const CellStore& store, const RunCellsOptions& options);
 

@@ -1,4 +1,4 @@
-// The built-in local features, and what matches them.
+// The built-in local features and their matcher.
 
 #pragma once
 
@@ -14,23 +14,23 @@ namespace raylift {
 // value. Their Euclidean distance is the Hellinger distance of the gradient histograms.
 
 struct RootSiftOptions {
-  // The best by contrast are kept.
+  // The features of the highest contrast are kept.
   int max_features = 4096;
   // A larger image is shrunk (by area averaging) until its longer side has this many pixels; the
   // keypoints are given in the original's pixels all the same.
   int max_image_side_px = 1600;
 };
 
-// Features of a gray image, the strongest first; a keypoint with several dominant orientations
-// appears once for each. Scores are the contrasts. No features in an empty or tiny image.
+// Extracts the features of a gray image, the strongest first; a keypoint with several dominant
+// orientations appears once for each. Scores are the contrasts. An empty or tiny image has none.
 //
 // The result does not depend on threads: run it for many images at once (ParallelFor). OpenCV uses
 // threads of its own within each image unless the program tells it not to, once and for all, by
 // cv::setNumThreads(1); that is faster where there are many images, as in the program `raylift`.
 Features ExtractRootSift(const Image& gray, const RootSiftOptions& options = {});
 
-// Finds which features of a query and of a reference show the same place: those that are each
-// other's nearest neighbors by descriptor, where the nearest is clearly nearer than the runner-up.
+// Matches the features of a query and a reference: those that are each other's nearest neighbors by
+// descriptor, where the nearest is clearly nearer than the runner-up.
 
 struct MatchOptions {
   // Lowe's ratio test: the distance from the query's descriptor to its nearest neighbor is below
@@ -38,11 +38,11 @@ struct MatchOptions {
   double max_ratio = 0.8;
 };
 
-// Matches in the order of the query's features; features at equal pixels (one place with several
-// orientations) give at most one match between the same two pixels. Descriptors are compared by
-// their directions (their lengths do not matter); the score is (1 + cosine) / 2, as hloc's. None
-// where either has no descriptors. Throws InputError if the two have descriptors of different
-// sizes.
+// Returns matches in the order of the query's features; features at equal pixels (one place with
+// several orientations) give at most one match between the same two pixels. Descriptors are
+// compared by their directions (their lengths do not matter); the score is (1 + cosine) / 2, as
+// hloc's. There are none where either image has no descriptors. Throws InputError if the two have
+// descriptors of different sizes.
 //
 // The result is the same on every machine: distances come from exact integer products of
 // descriptors rounded to 16 bits. Runs on the calling thread alone; run pairs in parallel.

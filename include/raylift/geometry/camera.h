@@ -1,10 +1,9 @@
-// A camera's intrinsics: which pixel a point in front of the camera falls on, and which ray leaves
-// through a pixel. The frame is COLMAP's: x right, y down, z forward; pixels are COLMAP's, too: the
-// center of the first pixel is (0.5, 0.5).
+// A camera's intrinsics: the projection of points to pixels and its inverse, from pixels to rays.
+// The frame is COLMAP's: x right, y down, z forward; pixels are COLMAP's, too: the center of the
+// first pixel is (0.5, 0.5).
 //
-// A panorama (EQUIRECTANGULAR) sees all directions: azimuth from x / width and elevation from
-// y / height, z in the middle of the image. What stands for its focal lengths are pixels per
-// radian.
+// A panorama (EQUIRECTANGULAR) sees all directions: azimuth from x / width and elevation from y /
+// height, z in the middle of the image. Its focal lengths are in pixels per radian.
 
 #pragma once
 
@@ -49,11 +48,11 @@ struct CameraModelInfo {
   CameraModel model;
   std::string_view name;  // COLMAP's, e.g. "SIMPLE_RADIAL"
   int num_params;
-  // 1: f; 2: fx fy. They come first, the principal point follows. 0: a panorama, which has neither.
+  // 1 for f, 2 for fx fy, before the principal point; 0 for a panorama, which has neither.
   int num_focal_lengths;
 };
 
-// All models, in the order of their ids.
+// Returns all models, in the order of their ids.
 std::span<const CameraModelInfo> AllCameraModels();
 const CameraModelInfo& GetCameraModelInfo(CameraModel model);
 std::optional<CameraModel> CameraModelFromName(std::string_view name);
@@ -76,10 +75,11 @@ std::optional<CameraModel> CameraModelFromId(int id);
 // axis, and a panorama everywhere.
 class Lens {
  public:
-  // A pinhole.
+  // Makes the lens of a pinhole.
   Lens() = default;
 
-  // `params` are the model's, behind focal lengths and principal point; finite, of the right count.
+  // Takes the model's parameters behind focal lengths and principal point; they must be finite and
+  // of the right count.
   Lens(CameraModel model, std::span<const double> params);
 
   // Returns the distorted coordinates of a point; nullopt outside the valid domain.
@@ -158,7 +158,7 @@ class Lens {
 
 class Camera {
  public:
-  // A 1 x 1 pinhole camera, so that a Camera can stand in a container.
+  // Makes a 1 x 1 pinhole camera, so that a Camera can stand in a container.
   Camera() = default;
 
   // Throws InputError (without a file: add it at the border) if the count of parameters is wrong,
@@ -166,7 +166,7 @@ class Camera {
   // not positive.
   Camera(CameraModel model, int width_px, int height_px, std::span<const double> params);
 
-  // A panorama of all directions that fills its image.
+  // Returns a panorama of all directions that fills its image.
   static Camera Panorama(int width_px, int height_px) {
     const std::array<double, 2> size = {static_cast<double>(width_px),
                                         static_cast<double>(height_px)};
@@ -196,9 +196,9 @@ class Camera {
   };
   std::optional<Projection> ImgFromCamWithJacobian(const Eigen::Vector3d& point_in_cam) const;
 
-  // The unit ray through a pixel, by Newton's method, so that ImgFromCam(ray) is the pixel within
-  // 1e-10 px times the focal length's order. nullopt if the pixel is outside the model's valid
-  // domain (for instance beyond the radius at which barrel distortion folds over).
+  // Returns the unit ray through a pixel, by Newton's method, so that ImgFromCam(ray) is the pixel
+  // within 1e-10 px times the focal length's order. nullopt if the pixel is outside the model's
+  // valid domain (for instance beyond the radius at which barrel distortion folds over).
   std::optional<Eigen::Vector3d> RayInCam(const Eigen::Vector2d& pixel) const;
 
   // Returns the depth of a point: z, or the distance for a panorama.
@@ -209,15 +209,15 @@ class Camera {
   // Returns whether the pixel lies in the image rectangle [0, width] x [0, height].
   bool Contains(const Eigen::Vector2d& pixel) const;
 
-  // The same lens on an image whose sides are scaled: principal point, focal lengths and size are
-  // multiplied by the ratios. COLMAP's pixel convention makes this exact (no half-pixel shift).
-  // Where the ratios differ, a model with one focal length becomes its sibling with two.
+  // Returns the same lens for an image whose sides are scaled: principal point, focal lengths and
+  // size are multiplied by the ratios. COLMAP's pixel convention makes this exact (no half-pixel
+  // shift). Where the ratios differ, a model with one focal length becomes its sibling with two.
   Camera Scaled(int new_width_px, int new_height_px) const;
 
-  // "MODEL width height params...", as in COLMAP's cameras.txt and hloc's query lists.
+  // Returns "MODEL width height params...", as in COLMAP's cameras.txt and hloc's query lists.
   std::string ToString() const;
 
-  // The same model, size and parameters.
+  // Returns whether model, size and parameters are the same.
   bool operator==(const Camera& other) const {
     return model_ == other.model_ && width_px_ == other.width_px_ &&
            height_px_ == other.height_px_ && params_ == other.params_;

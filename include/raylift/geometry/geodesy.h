@@ -1,5 +1,5 @@
-// Where on the earth a scene is: coordinate reference systems (CRS) and what leads from one to the
-// other, by PROJ.
+// The place of a scene on the earth: coordinate reference systems (CRS) and transforms between
+// them, by PROJ.
 //
 // A point is (x, y, z) as drawn on a map, whatever order the authority has for its axes: easting,
 // northing and height in the units of the system; longitude, latitude in its degrees and height
@@ -19,21 +19,21 @@ namespace raylift {
 
 enum class CrsKind { kGeographic, kProjected, kGeocentric };
 
-// A system and its copies are for one thread at a time.
+// A system and its copies must be used by one thread at a time.
 class Crs {
  public:
-  // "EPSG:25832", with a vertical one behind it "EPSG:25832+7837"; or WKT. Throws InputError for
+  // Parses "EPSG:25832", with a vertical system "EPSG:25832+7837"; or WKT. Throws InputError for
   // what is unknown or places no points on the earth.
   explicit Crs(const std::string& definition);
 
   const std::string& definition() const { return definition_; }
   const std::string& name() const { return name_; }  // "WGS 84 / UTM zone 32N"
   CrsKind kind() const { return kind_; }
-  // Heights are above an ellipsoid or of a vertical datum; else they are what they are.
+  // Returns whether the system defines its heights: above an ellipsoid or of a vertical datum.
   bool has_heights() const { return has_heights_; }
 
-  // Throws InputError where the point is not on the earth (latitudes beyond the poles), or far from
-  // where the system is meant for; it says so where its axes seem to be swapped.
+  // Throws InputError where the point is not on the earth (latitudes beyond the poles) or far
+  // outside the system's area of use; the message says so where the axes seem to be swapped.
   void Check(const Eigen::Vector3d& point) const;
 
   struct Geographic;  // the way to longitude and latitude
@@ -45,7 +45,7 @@ class Crs {
   std::string definition_, name_;
   CrsKind kind_ = CrsKind::kProjected;
   bool has_heights_ = false;
-  // Degrees, where the system is meant for; west may be above east.
+  // The system's area of use, in degrees; west may be larger than east.
   struct Area {
     double west, south, east, north;
   };
@@ -57,32 +57,33 @@ class Crs {
 // do not follow.
 bool NorthingsComeFirst(const Crs& crs);
 
-// The frame of a scene: a system, and the point of it that is the world's origin.
+// The frame of a scene: a system, and its point that is the world's origin.
 struct WorldFrame {
   std::string text;  // that it was parsed from, in one line
   Crs crs;
   Eigen::Vector3d origin = Eigen::Vector3d::Zero();
-  // Nobody has said it, it is that of a mesh's file: who says another one knows better.
+  // The frame was read from a mesh's file; another one that the user gives takes precedence.
   bool is_of_file = false;
 
-  // "EPSG:32615", or with an origin that was taken off all coordinates,
-  // "EPSG:32615@576000,5188000,0". Throws InputError, for systems of degrees, too.
+  // Parses "EPSG:32615", or with an origin that was subtracted from all coordinates,
+  // "EPSG:32615@576000,5188000,0". Throws InputError, also for systems in degrees.
   static WorldFrame Parse(const std::string& given);
 };
 
-// Leads points from one system to another. Of a height no more than the unit changes where the
-// target has no heights; where the source alone has none, it is above the ellipsoid. To and from
-// earth-centered coordinates it always is. A transform and its copies are for one thread at a time.
+// Transforms points from one system to another. Where the target has no heights, only the unit of a
+// height changes; where the source alone has none, heights are above the ellipsoid, as they always
+// are to and from earth-centered coordinates. A transform and its copies must be used by one thread
+// at a time.
 class CrsTransform {
  public:
-  // Throws InputError where nothing leads there.
+  // Throws InputError where no transform is known.
   CrsTransform(const Crs& from, const Crs& to);
 
-  // Throws InputError where the point has no place in the system that it is led to.
+  // Transforms a point. Throws InputError where it has no place in the target system.
   Eigen::Vector3d operator()(const Eigen::Vector3d& point) const;
 
-  // Says which grids are missing that a better transformation would use, or that heights or datums
-  // are taken as they are; nullopt where all is well.
+  // Says which missing grids a better transformation would use, or that heights or datums are taken
+  // as they are; nullopt where there is nothing to say.
   std::optional<std::string> Warning() const;
 
  private:
@@ -98,9 +99,9 @@ struct LocalFrame {
   // its y axis, it is the identity.
   Eigen::Matrix3d crs_from_enu;
 
-  // The nearest rotation: of directions.
+  // Returns the nearest rotation, for directions.
   Eigen::Matrix3d Axes() const;
-  // Of the map: units per meter along the ground.
+  // Returns the map's scale: its units per meter along the ground.
   double Scale() const;
 };
 LocalFrame LocalFrameAt(const Crs& crs, const Eigen::Vector3d& point);

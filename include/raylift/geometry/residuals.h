@@ -16,7 +16,7 @@
 
 namespace raylift {
 
-// The step (w, v) that turns one pose into another: to = exp(w, v) from, w of at most pi.
+// Returns the step (w, v) that turns one pose into another: to = exp(w, v) from, w of at most pi.
 Eigen::Matrix<double, 6, 1> StepBetween(const Rigid3& from, const Rigid3& to);
 
 struct ReprojectionResidual {
@@ -24,7 +24,8 @@ struct ReprojectionResidual {
   Eigen::Matrix<double, 2, 6> jacobian;  // d error / d (w, v)
 };
 
-// nullopt if the point cannot be projected (behind the camera, outside the lens model's domain).
+// Returns nullopt if the point cannot be projected (behind the camera, outside the lens model's
+// domain).
 std::optional<ReprojectionResidual> ReprojectionError(const Camera& camera,
                                                       const Rigid3& cam_from_world,
                                                       const Eigen::Vector3d& point_in_world,
@@ -35,11 +36,11 @@ struct SampsonResidual {
   Eigen::Matrix<double, 1, 6> jacobian;  // d error / d (w, v) of the query's pose
 };
 
-// The Sampson error (Hartley and Zisserman, eq. 11.9) of a match between a query and a reference,
-// that is the epipolar constraint q' E r over the length of its gradient with respect to the four
-// pixel coordinates. Taking the gradient through the true camera models makes it a distance in
-// pixels for any lens, and weighs the two images by their own focal lengths. nullopt if a pixel has
-// no ray or both gradients vanish (the two camera centers coincide).
+// Returns the Sampson error (Hartley and Zisserman, eq. 11.9) of a match between a query and a
+// reference, that is the epipolar constraint q' E r over the length of its gradient with respect to
+// the four pixel coordinates. Taking the gradient through the true camera models makes it a
+// distance in pixels for any lens, and weighs the two images by their own focal lengths. nullopt if
+// a pixel has no ray or both gradients vanish (the two camera centers coincide).
 std::optional<SampsonResidual> SampsonError(const Camera& query_camera,
                                             const Rigid3& query_from_world,
                                             const Eigen::Vector2d& query_px,

@@ -26,28 +26,28 @@ struct Rigid3 {
     const Eigen::Quaterniond inverse = rotation.conjugate();
     return {inverse, -(inverse * translation)};
   }
-  // The source origin's counterpart: for cam_from_world, the camera center in the world.
+  // Returns the target's origin in the source's coordinates: for cam_from_world, the camera center.
   Eigen::Vector3d OriginInSource() const { return -(rotation.conjugate() * translation); }
 
   bool IsFinite() const { return rotation.coeffs().allFinite() && translation.allFinite(); }
 };
 
-// The rotation exp(w): by the angle |w| in radians about the axis w.
+// Returns the rotation exp(w): by the angle |w| in radians about the axis w.
 Eigen::Quaterniond RotationFromVector(const Eigen::Vector3d& rotation_vector);
 
-// The matrix of the cross product: Skew(a) * b = a x b.
+// Returns the matrix of the cross product: Skew(a) * b = a x b.
 inline Eigen::Matrix3d Skew(const Eigen::Vector3d& a) {
   Eigen::Matrix3d m;
   m << 0, -a.z(), a.y(), a.z(), 0, -a.x(), -a.y(), a.x(), 0;
   return m;
 }
 
-// Angle in degrees of the rotation that separates two orientations; exact for tiny angles, too.
+// Returns the angle in degrees of the rotation between two orientations; exact for tiny angles,
+// too.
 double AngleBetweenDeg(const Eigen::Quaterniond& a, const Eigen::Quaterniond& b);
 
-// PoseConvention says what the poses of a file mean. Everything here is cam_from_world with the
-// camera's x right, y down, z forward; files of others may hold the inverse, or cameras in OpenGL's
-// axes.
+// The convention of poses in a file. In memory all poses are cam_from_world with the camera's x
+// right, y down, z forward; files of others may hold the inverse, or cameras in OpenGL's axes.
 
 enum class PoseConvention {
   kCamFromWorld,           // ours, and COLMAP's
@@ -64,9 +64,9 @@ inline constexpr auto kEnumNames<PoseConvention> = std::to_array<EnumName<PoseCo
      "camera to world in OpenGL's axes"},
 });
 
-// The pose that a stored one means.
+// Returns the pose that a stored one means.
 Rigid3 CamFromWorld(const Rigid3& stored, PoseConvention convention);
-// The one that would be stored: the other way round.
+// Returns the pose as it would be stored, the inverse of CamFromWorld().
 Rigid3 StoredPose(const Rigid3& cam_from_world, PoseConvention convention);
 
 }  // namespace raylift

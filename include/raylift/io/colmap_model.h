@@ -80,8 +80,8 @@ struct ColmapFrame {
 };
 
 struct ColmapModel {
-  // Keyed by id; ids need not be contiguous. Written in the order of `*_order` (that of the file
-  // that was read, empty where it is that of the ids), then whatever it does not list, by id.
+  // All are keyed by id; ids need not be contiguous. Written in the order of `*_order` (that of the
+  // file that was read, empty where it is that of the ids), then whatever it does not list, by id.
   std::map<uint32_t, Camera> cameras;
   std::map<uint32_t, ColmapImage> images;
   std::map<uint64_t, ColmapPoint3D> points3d;
@@ -94,21 +94,22 @@ struct ColmapModel {
   // rigs and frames, which are used, differ from those of the images file).
   std::vector<std::string> warnings;
 
-  // The images with their cameras, sorted by name.
+  // Returns the images with their cameras, sorted by name.
   std::vector<PosedImage> PosedImages() const;
 };
 
 // Makes a model of images; those of equal cameras share one. Ids count from 1.
 ColmapModel ModelOfImages(std::span<const PosedImage> images);
 
-// Takes images out of a model, and with them their observations: points that lose some and keep
-// fewer than two are taken out, too. The others stay where they were triangulated. Names that are
-// not in the model are passed over.
+// Removes images from a model together with their observations; points that lose some and keep
+// fewer than two are removed, too. All other points keep their positions. Names that are not in the
+// model are ignored.
 void RemoveImages(ColmapModel& model, std::span<const std::string> names);
 
 enum class ColmapForm { kText, kBinary };
 
-// Which form a folder holds; binary where it holds both, as COLMAP does; none where neither.
+// Returns the form that a folder holds: binary where it holds both, as COLMAP does; nullopt where
+// it holds neither.
 std::optional<ColmapForm> DetectColmapForm(const std::filesystem::path& folder);
 
 // Reads a folder in either form. points3D.* may be absent (then there are none). Throws InputError

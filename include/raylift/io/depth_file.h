@@ -42,16 +42,16 @@ inline constexpr auto kEnumNames<DepthFileFormat> = std::to_array<EnumName<Depth
     {DepthFileFormat::kPfm, "PFM"},
     {DepthFileFormat::kRaw, "raw"},
 });
-// The format that a file name asks for: .exr, .png, .tif, .tiff, .pgm, .npy, .npz, .npy.gz, .bin,
-// .pfm, .depth.
+// Returns the format that a file name asks for: .exr, .png, .tif, .tiff, .pgm, .npy, .npz, .npy.gz,
+// .bin, .pfm, .depth.
 std::optional<DepthFileFormat> DepthFileFormatFromName(const std::filesystem::path& path);
 
-// A depth map as it is stored.
+// A depth map as it is stored in a file.
 struct StoredDepth {
   int width_px = 0;
   int height_px = 0;
   std::vector<float> values;  // row-major, the top row first, whatever the order in the file
-  // The file's own statements on its values.
+  // Properties of the values that the file states.
   DepthFileFormat format = DepthFileFormat::kRaw;
   std::string sample_type;               // "uint16", "float32", ...
   std::string layer;                     // the channel of an EXR, the key of an NPZ
@@ -59,17 +59,17 @@ struct StoredDepth {
 };
 
 struct DepthReadOptions {
-  // The channel of an EXR ("Z", "part.Z", "layer.Z") or the key of an NPZ. Empty: Z, depth, R, Y,
-  // else the first channel; the key depth, else the only array.
+  // The channel of an EXR ("Z", "part.Z", "layer.Z") or the key of an NPZ. Where it is empty: Z,
+  // depth, R or Y, else the first channel; the key depth, else the only array.
   std::string layer = {};
-  // The size of a file without a header, which then is read as kRaw, whatever it looks like.
+  // The size of a file without a header; the file is then read as kRaw, whatever its content.
   std::optional<PlaneSize> raw_size = std::nullopt;
 };
 
-// The format is told by the content. Throws InputError naming the file for anything wrong: unknown
-// content, a truncated file, a size that cannot be in a file of this length, samples of a wrong
-// type, several channels where one is expected. Memory is never taken on a header's word. Thread
-// safe.
+// Reads a depth map; the format follows from the content. Throws InputError naming the file for
+// anything wrong: unknown content, a truncated file, a size that cannot be in a file of this
+// length, samples of a wrong type, several channels where one is expected. No memory is allocated
+// by an unchecked header. Thread safe.
 StoredDepth ReadDepthFile(const std::filesystem::path& path, const DepthReadOptions& options = {});
 StoredDepth ParseDepthFile(const std::filesystem::path& path_for_messages, std::string bytes,
                            const DepthReadOptions& options = {});
@@ -105,19 +105,19 @@ struct FloatPlane {
 };
 
 struct DepthWriteOptions {
-  // By default the one that the file name asks for. kPgm, kNpyGz and kRaw are only read.
+  // By default the format that the file name asks for. kPgm, kNpyGz and kRaw can only be read.
   std::optional<DepthFileFormat> format = std::nullopt;
   FloatSample sample = FloatSample::kFloat32;  // of EXR, NPY and NPZ
   // PXR24 keeps 24 of a float32's bits (relative error below 2^-16), float16 exactly.
   ExrCompression exr_compression = ExrCompression::kPxr24;
   bool deflate_npz = false;  // numpy reads both; stored is some 20 times faster to write
-  // Default: key "depth" of an NPZ, and of an EXR channel "Y", which readers of pictures take for
-  // gray; OpenCV reads a file that has a "Z" alone as zeros and says nothing.
+  // By default the key "depth" of an NPZ, and the channel "Y" of an EXR, which viewers take for
+  // gray; OpenCV silently reads a file with "Z" alone as zeros.
   std::string layer = {};
   double png_step = 0.001;  // scene units per count of a 16-bit PNG
   int png_compression = 1;  // 0 .. 9
-  // A value that the format cannot hold (above 65535 steps of a PNG, or 65504 in float16): refuse
-  // the file, or store it as 0 (none) and count it.
+  // For a value that the format cannot hold (above 65535 steps of a PNG, or 65504 in float16):
+  // kRefuse throws, kDrop stores 0 (no depth) and counts it.
   enum class OutOfRange { kRefuse, kDrop };
   OutOfRange out_of_range = OutOfRange::kRefuse;
 };
@@ -134,21 +134,22 @@ struct DepthWriteReport {
   double max_rounding = 0;  // the largest change of a value that was kept, scene units
 };
 
-// The file appears complete or not at all, and the same values give the same bytes. Thread safe;
-// uses no threads of its own. Throws InputError naming the file where it cannot be written or a
-// value is out of range, OptionError for an option that the format does not know.
+// Writes a depth map. The file appears complete or not at all, and the same values give the same
+// bytes. Thread safe; uses no threads of its own. Throws InputError naming the file where it cannot
+// be written or a value is out of range, OptionError for an option that the format does not know.
 DepthWriteReport WriteDepthFile(const std::filesystem::path& path, const FloatPlane& plane,
                                 const DepthWriteOptions& options = {});
 
-// x, y, z per pixel, row-major, the top row first. By the file name, or `options.format`:
+// Writes x, y, z per pixel, row-major, the top row first. The format follows from the file name, or
+// `options.format`:
 //   .exr  channels R, G, B (x, y, z)         .npy, .npz  an array (height, width, 3), key
 //   .bin  COLMAP's normal maps (planar)                  `options.layer`, by default "normals"
 // Returns the file's size in bytes. Errors as WriteDepthFile.
 size_t WriteVectorMap(const std::filesystem::path& path, PlaneSize size,
                       std::span<const float> vectors, const DepthWriteOptions& options = {});
 
-// One whole number per pixel, exactly: .exr (uint32, channel "id"), .npy, .npz (uint32, key "id"),
-// .png (16 bits; 4294967295 is 65535 there).
+// Writes one integer per pixel without loss: .exr (uint32, channel "id"), .npy, .npz (uint32, key
+// "id"), .png (16 bits, in which 4294967295 is stored as 65535).
 size_t WriteIndexMap(const std::filesystem::path& path, PlaneSize size,
                      std::span<const uint32_t> indices, const DepthWriteOptions& options = {});
 

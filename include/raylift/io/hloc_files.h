@@ -26,7 +26,8 @@ namespace raylift {
 
 class PackedMap;
 
-// features.h5: one (nested) group per image name; or the features of a packed map.
+// Reads features.h5, which holds one (nested) group per image name, or the features of a packed
+// map.
 class FeatureFile {
  public:
   // Opens for reading; throws InputError where it is missing or neither of these.
@@ -38,13 +39,14 @@ class FeatureFile {
 
   std::vector<std::string> ImageNames() const;  // sorted
   bool Contains(const std::string& image_name) const;
-  // Only the keypoints must be there; without `image_size` the image's sides are 0. InputError
-  // naming file and image where it is absent or malformed (a wrong shape, a number that is not
-  // finite). Safe to call from several threads (HDF5 itself is serialized inside).
+  // Reads an image's features. Only the keypoints must be there; without `image_size` the image's
+  // sides are 0. Throws InputError naming file and image where it is absent or malformed (a wrong
+  // shape, a number that is not finite). Thread safe (HDF5 itself is serialized inside).
   Features Read(const std::string& image_name) const;
-  // The image's size alone; sides of 0 where the file does not tell.
+  // Reads the image's size alone; its sides are 0 where the file does not tell it.
   PlaneSize ReadImageSize(const std::string& image_name) const;
-  // Warnings met so far, e.g. float16 keypoints of an image so wide that they lose precision.
+  // Returns the warnings so far, e.g. float16 keypoints of an image so wide that they lose
+  // precision.
   std::vector<std::string> Warnings() const;
 
  private:
@@ -57,16 +59,17 @@ class FeatureFile {
 void WriteFeatureFile(const std::filesystem::path& path,
                       const std::map<std::string, Features>& features_by_image,
                       bool half_descriptors);
-// The same of images whose features are asked for one after the other and need not be in memory
-// together.
+// Writes such a file image by image: `features_of` is asked for one image after the other, so that
+// they need not be in memory together.
 void WriteFeatureFile(const std::filesystem::path& path, std::span<const std::string> image_names,
                       const std::function<Features(const std::string& image_name)>& features_of,
                       bool half_descriptors);
 
-// The features as they are read back from a file that they were written to.
+// Returns the features as they are read back from a file that they were written to.
 Features AsStored(Features features, bool half_descriptors);
 
-// global-feats*.h5, read as they are asked for: 100,000 of them need not be in memory at once.
+// Reads global-feats*.h5 as descriptors are asked for: 100,000 of them need not be in memory at
+// once.
 class GlobalFeatureFile {
  public:
   explicit GlobalFeatureFile(const std::filesystem::path& path);
@@ -75,9 +78,9 @@ class GlobalFeatureFile {
   GlobalFeatureFile& operator=(GlobalFeatureFile&&) noexcept;
 
   std::vector<std::string> ImageNames() const;  // sorted; walks the whole file
-  // A column for each image. Throws InputError naming file and data set where an image is absent,
-  // its descriptor is no vector, of another size than the first that was read, or not finite.
-  // Thread safe.
+  // Returns a column for each image. Throws InputError naming file and data set where an image is
+  // absent, its descriptor is no vector, of another size than the first that was read, or not
+  // finite. Thread safe.
   Eigen::MatrixXf Read(std::span<const std::string> image_names) const;
 
  private:
@@ -85,12 +88,12 @@ class GlobalFeatureFile {
   std::unique_ptr<Impl> impl_;
 };
 
-// Writes such a file: a column for each image.
+// Writes such a file from a column for each image.
 void WriteGlobalDescriptors(const std::filesystem::path& path,
                             std::span<const std::string> image_names,
                             const Eigen::MatrixXf& descriptors);
 
-// matches.h5.
+// Reads matches.h5.
 class MatchFile {
  public:
   explicit MatchFile(const std::filesystem::path& path);
@@ -98,9 +101,9 @@ class MatchFile {
   MatchFile(MatchFile&&) noexcept;
   MatchFile& operator=(MatchFile&&) noexcept;
 
-  // The matches of a pair whichever way round and in whichever naming (new or old) it is stored;
-  // none where the pair is not in the file. Whether the indices fit the keypoints is the caller's
-  // to check. Safe to call from several threads.
+  // Returns the matches of a pair in whichever order and naming (new or old) it is stored; nullopt
+  // where the pair is not in the file. The caller has to check that the indices fit the keypoints.
+  // Thread safe.
   std::optional<std::vector<FeatureMatch>> Read(const std::string& query_name,
                                                 const std::string& reference_name) const;
 
@@ -109,9 +112,9 @@ class MatchFile {
   std::unique_ptr<Impl> impl_;
 };
 
-// `query reference` per line; the order of a query's lines is the rank; a reference that stands
-// twice keeps its better one. Also takes the comma separated forms of MeshLoc and kapture (query,
-// reference, score).
+// Reads lines `query reference`. The order of a query's lines is the rank; of a reference that
+// stands twice the better rank counts. Also takes the comma separated forms of MeshLoc and kapture
+// (query, reference, score).
 using RetrievalPairs = std::map<std::string, std::vector<std::string>>;
 RetrievalPairs ReadPairs(const std::filesystem::path& path);
 void WritePairs(const std::filesystem::path& path,

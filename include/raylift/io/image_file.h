@@ -1,5 +1,5 @@
-// Photographs and pictures in files. Orientation tags are ignored: pixels are those that the
-// camera's intrinsics mean.
+// Reads and writes photographs and pictures. Orientation tags are ignored: pixels are in the order
+// of the file, for which the camera's intrinsics hold.
 
 #pragma once
 
@@ -14,27 +14,27 @@
 
 namespace raylift {
 
-// The size alone, from the header. Throws InputError where the file is
-// missing or no image.
+// Reads the size alone, from the header. Throws InputError where the file is missing or no image.
 PlaneSize ReadImageSize(const std::filesystem::path& path);
 
-// Returns what the photograph says of its lens, by EXIF and XMP.
+// Returns what the photograph's EXIF and XMP say of its lens.
 LensTags ReadLensTags(const std::filesystem::path& path);
 
 // Returns what is wrong where the photograph `name` has another size than its camera: whether
-// viewers turn it, as its EXIF says, and what the camera is at the photograph's size.
+// viewers rotate it by its EXIF, and the camera at the photograph's size; nullopt where the sizes
+// agree.
 std::optional<std::string> WhyOtherSize(const Camera& camera, const std::string& name,
                                         PlaneSize size, bool is_turned);
-// Throws InputError with that where there is something; `file` is the photograph's.
+// Throws InputError with that text where there is one; `file` is the photograph's.
 void RequireSizeOf(const Camera& camera, const std::string& name, PlaneSize size,
                    const std::filesystem::path& file);
 
 // Throws InputError where the file is missing or no image.
 Image ReadImage(const std::filesystem::path& path, ImageChannels channels);
-// The same of the bytes of such a file. InputError names none.
+// Decodes the bytes of such a file. The InputError names no file.
 Image DecodePhotograph(std::string_view bytes, ImageChannels channels);
 
-// The format follows the extension: png, jpg.
+// Writes a PNG or JPEG, by the extension: png, jpg.
 void WriteImage(const std::filesystem::path& path, const Image& image, int jpeg_quality = 92);
 
 }  // namespace raylift

@@ -1,5 +1,5 @@
-// What is known of queries' poses and focal lengths beforehand: from a plain text file, or from
-// what cameras write into their photographs.
+// Reads priors of queries' poses and focal lengths: from a plain text file, or from the tags that
+// cameras write into their photographs.
 
 #pragma once
 
@@ -17,7 +17,7 @@
 
 namespace raylift {
 
-// Reads what is known of queries, by their names. Lines of such a file:
+// Reads the priors of queries, by their names. Lines of such a file:
 //
 //   # the camera's center in the world and its standard deviation, one or per axis
 //   day/001.jpg position 465203.1 5428113.9 248.0 5
@@ -58,7 +58,8 @@ std::map<std::string, PosePriors> ReadPosePriors(const std::filesystem::path& fi
                                                  const std::optional<WorldFrame>& world = {},
                                                  std::vector<std::string>* warnings = nullptr);
 
-// The same of texts, each by itself, as of photographs; of one name, the first.
+// Reads the priors of several texts, as of photographs, each by itself; of one name the first
+// counts.
 struct PriorText {
   std::filesystem::path path_for_messages;
   std::string lines;
@@ -66,22 +67,23 @@ struct PriorText {
 std::map<std::string, PosePriors> ParsePosePriors(std::span<const PriorText> texts,
                                                   const std::optional<WorldFrame>& world = {},
                                                   std::vector<std::string>* warnings = nullptr);
-// Of a file's text.
+// Reads the priors of a file's text.
 std::map<std::string, PosePriors> ParsePosePriors(const std::filesystem::path& path_for_messages,
                                                   std::string text,
                                                   const std::optional<WorldFrame>& world = {},
                                                   std::vector<std::string>* warnings = nullptr);
 
-// Gives each query what such a file knows of it; what the list says of the focal length holds where
-// the file does not mention it. Returns the warnings. Throws InputError where the file knows none
-// of the queries.
+// Gives each query its priors of such a file. What the query list says of the focal length holds
+// where the file does not mention it. Returns the warnings. Throws InputError where the file knows
+// none of the queries.
 std::vector<std::string> TakePosePriors(const std::filesystem::path& file, std::span<Query> queries,
                                         const std::optional<WorldFrame>& world = {});
-// The same of what was read from there.
+// Gives the queries priors that were read from there.
 void TakePosePriors(const std::map<std::string, PosePriors>& priors,
                     const std::filesystem::path& path_for_messages, std::span<Query> queries);
 
-// What a photograph says of where it was taken, by EXIF and the XMP of DJI's and Autel's drones.
+// The position and orientation that a photograph states, by EXIF and the XMP of DJI's and Autel's
+// drones.
 struct PhotographTags {
   struct Position {
     Eigen::Vector3d point;    // longitude, latitude in degrees, height in meters
@@ -94,23 +96,23 @@ struct PhotographTags {
   Eigen::Vector3d right_in_cam = Eigen::Vector3d::UnitX();
   double heading_sigma_deg = 0;
   std::optional<double> range_m;  // by a laser along the optical axis
-  // What was found and what was not taken, for people: "position +-3 m, gimbal".
+  // Says for the user what was found and what was not taken: "position +-3 m, gimbal".
   std::string summary;
 };
 PhotographTags ReadPhotographTags(const std::filesystem::path& file);
 
-// Returns the standard deviations, along east, north and up, of a position by GNSS that states this
-// error, and a height or none.
+// Returns the standard deviations, along east, north and up, of a GNSS position of this stated
+// error, with or without a height.
 Eigen::Vector3d GnssSigmaMeters(double stated_error_m, bool has_height = true);
 
-// Returns the lines of such a file that say what the photograph `name` says of itself.
+// Returns the lines of such a file for what the photograph `name` states.
 std::string FormatPhotographPriors(const std::string& name, const PhotographTags& tags);
 
-// The line that says a focal length to be known up to a factor.
+// Returns the line that says that a focal length is known up to a factor.
 std::string FormatFocalRange(const std::string& name, double factor);
 
-// Gives each query what its photograph says. Returns the warnings. Throws InputError where none
-// says anything.
+// Gives each query the priors that its photograph states. Returns the warnings. Throws InputError
+// where no photograph states any.
 std::vector<std::string> TakePhotographPriors(const std::filesystem::path& images,
                                               const WorldFrame& world, std::span<Query> queries);
 

@@ -34,25 +34,24 @@
 
 namespace raylift {
 
-// A file holds the problem and, apart from it, the ground truth that only an evaluation may
-// look at.
+// A pose problem and, apart from it, the ground truth that only an evaluation may use.
 struct PoseProblemFile {
   PoseProblem problem;
   std::optional<Rigid3> gt_cam_from_world;
 };
 
-// Throws InputError with the JSON path for anything wrong: a missing member, a reference index out
-// of range, a value that is not finite.
+// Reads a pose problem. Throws InputError with the JSON path for anything wrong: a missing member,
+// a reference index out of range, a value that is not finite.
 PoseProblemFile ReadPoseProblem(const std::filesystem::path& path);
 PoseProblemFile ParsePoseProblem(std::string_view json,
                                  const std::filesystem::path& path_for_messages);
 
-// Numbers are written so that they read back as the same doubles.
+// Writes a pose problem; numbers read back as the same doubles.
 void WritePoseProblem(const std::filesystem::path& path, const PoseProblemFile& file);
 std::string FormatPoseProblem(const PoseProblemFile& file);
 
-// The .json files of a folder and the folders in it, in the order of their paths, or the file
-// itself. Throws InputError where there are none.
+// Returns the .json files of a folder and the folders in it, in the order of their paths, or the
+// file itself. Throws InputError where there are none.
 std::vector<std::filesystem::path> ListPoseProblems(const std::filesystem::path& file_or_folder);
 
 }  // namespace raylift

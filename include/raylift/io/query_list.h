@@ -1,5 +1,5 @@
-// Lists of query photographs with intrinsics, which of them one rig has taken, and lists of poses,
-// of views and of points: the field's plain text files.
+// Reads and writes the field's plain text files: lists of query photographs with intrinsics, of
+// poses, of views and of points; and tells which photographs one rig has taken.
 
 #pragma once
 
@@ -19,12 +19,11 @@
 
 namespace raylift {
 
-// Lines `name MODEL width height params...`; `#` comments and empty lines are skipped. A name may
-// hold blanks, and stands in quotes where it looks like something else. The file name may hold `*`
-// and `?` (several lists, in the order of their names). Names that stand twice and lists of no
-// photograph are errors.
-// A camera's line may end in `focal_sigma S`, the standard deviation of its focal length as a share
-// of it.
+// Reads lines `name MODEL width height params...`; `#` comments and empty lines are skipped. A name
+// may hold blanks, and stands in quotes where it looks like something else. The file name may hold
+// `*` and `?` (several lists, in the order of their names). Names that stand twice and lists of no
+// photograph are errors. A camera's line may end in `focal_sigma S`, the standard deviation of its
+// focal length as a share of it.
 //
 // Where the folder of the photographs is given, a line may be a name alone: then the camera is a
 // pinhole with the principal point in the middle and a focal length of 1.2 times the longer side,
@@ -35,8 +34,8 @@ namespace raylift {
 // lies in that of the photographs, or is it where none is given.
 std::vector<Query> ReadQueryList(const std::filesystem::path& path_or_pattern,
                                  const std::filesystem::path& images = {});
-// A photograph of an unknown camera, so listed by its name alone; or one in memory of this size,
-// with what it says of its lens.
+// Makes the query of a photograph of an unknown camera, as if listed by its name alone; or of one
+// in memory, by its size and the tags of its lens.
 Query QueryOfUnknownCamera(const std::string& name, const std::filesystem::path& images);
 Query QueryOfUnknownCamera(const std::string& name, PlaneSize size, const LensTags& lens = {});
 // Gives a query the camera of such a line: "MODEL width height params... [focal_sigma S]". Throws
@@ -44,7 +43,7 @@ Query QueryOfUnknownCamera(const std::string& name, PlaneSize size, const LensTa
 void TakeCamera(const std::string& text, Query& query);
 void WriteQueryList(const std::filesystem::path& path, const std::vector<Query>& queries);
 
-// One image name per line.
+// Reads one image name per line.
 std::vector<std::string> ReadImageList(const std::filesystem::path& path);
 
 struct NamedPose {
@@ -52,17 +51,17 @@ struct NamedPose {
   Rigid3 cam_from_world;
 };
 
-// Lines `name qw qx qy qz tx ty tz`, world to camera. Quaternions are normalized; one that is not
-// of unit length within 1e-3 is an error, as is a NaN. Numbers behind the pose are passed over:
+// Reads lines `name qw qx qy qz tx ty tz`, world to camera. Quaternions are normalized; one that is
+// not of unit length within 1e-3 is an error, as is a NaN. Numbers behind the pose are ignored:
 // pGT's focal length, the errors and inliers of DSAC* and ACE.
 std::vector<NamedPose> ReadPoseFile(const std::filesystem::path& path);
-// Numbers in their shortest form that reads back as the same double.
+// Writes a pose file, with numbers in their shortest form that reads back as the same double.
 void WritePoseFile(const std::filesystem::path& path, const std::vector<NamedPose>& poses);
 
 // Reads a pose file as poses by the names of their images. Throws InputError where a name stands
 // twice.
 std::map<std::string, Rigid3> ReadNamedPoses(const std::filesystem::path& file);
-// The same from a COLMAP model's folder or a pose file.
+// Reads them from a COLMAP model's folder or a pose file.
 std::map<std::string, Rigid3> ReadModelOrPoses(const std::filesystem::path& model_or_file);
 
 // Gives each query that was taken by a rig its frame and its pose in the rig. The file is COLMAP's
@@ -78,17 +77,17 @@ std::map<std::string, Rigid3> ReadModelOrPoses(const std::filesystem::path& mode
 // knows none at all, and for a camera without known pose in its rig.
 void TakeRigs(const std::filesystem::path& file_or_model, std::span<Query> queries);
 
-// Lines `name qw qx qy qz tx ty tz MODEL width height params...` (a line of a pose file, world to
-// camera, followed by one of COLMAP's cameras, or by EQUIRECTANGULAR width height); `#` comments
-// and empty lines are skipped. Throws InputError for anything else, and for a name that stands
-// twice.
+// Reads lines `name qw qx qy qz tx ty tz MODEL width height params...` (a line of a pose file,
+// world to camera, followed by one of COLMAP's cameras, or by EQUIRECTANGULAR width height); `#`
+// comments and empty lines are skipped. Throws InputError for anything else, and for a name that
+// stands twice.
 std::vector<PosedImage> ReadViewList(const std::filesystem::path& path);
 
-// "MODEL width height params..." as in the lists. Throws InputError naming `what` for anything
-// else.
+// Parses "MODEL width height params..." as in the lists. Throws InputError naming `what` for
+// anything else.
 Camera ParseCamera(const std::string& what, const std::string& text);
 
-// Lines `x y z`; `#` comments and empty lines are skipped.
+// Reads lines `x y z`; `#` comments and empty lines are skipped.
 std::vector<Eigen::Vector3d> ReadPointList(const std::filesystem::path& path);
 
 }  // namespace raylift

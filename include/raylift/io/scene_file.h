@@ -1,5 +1,6 @@
-// A scene in one file: where its references, queries, times, groups, ground truth and geometry are,
-// and how results on it are judged. Commands take from it what their options do not say. TOML:
+// The scene file: the paths of a scene's references, queries, times, groups, ground truth and
+// geometry, and the thresholds for its results. It gives commands what their options do not say.
+// TOML:
 //
 //   format = "raylift-scene/1"
 //   name = "chess"
@@ -19,8 +20,8 @@
 //   [provenance]                     # any strings
 //   dataset = "7scenes"
 //
-// Only `format` is required. Paths are relative to the file. A packed map (mapping/map_packing.h) is
-// a scene file, too: of its references and their depth.
+// Only `format` is required. Paths are relative to the file. A packed map (mapping/map_packing.h)
+// is a scene file, too: of its references and their depth.
 
 #pragma once
 
@@ -38,8 +39,8 @@ struct SceneGeometry {
   std::string spec;  // as --geometry takes it
 };
 
-// Empty where the file does not say. In memory, paths (also those within `spec`) are relative to
-// the working directory, not to the file.
+// The contents of a scene file; fields are empty where the file does not say them. In memory, paths
+// (also those within `spec`) are relative to the working directory, not to the file.
 struct SceneFile {
   std::string name;
   std::filesystem::path references;
@@ -56,26 +57,26 @@ struct SceneFile {
   std::vector<std::pair<std::string, std::string>> provenance;  // by key
 };
 
-// Throws InputError with the line for anything else than the above, a geometry's name that stands
-// twice included. Does not look whether the files are there: their readers say it better.
+// Reads a scene file. Throws InputError with the line for anything else than the above, also for a
+// geometry's name that stands twice. Does not check that the files are there; their readers do.
 SceneFile ReadSceneFile(const std::filesystem::path& file);
 
-// Paths are written relative to `file`, so that scenes can be moved with what they refer to.
+// Writes a scene file with paths relative to `file`, so that a scene can be moved with its files.
 void WriteSceneFile(const std::filesystem::path& file, const SceneFile& scene);
 
-// Lines `name seconds`: when images were taken, from any origin. `#` comments and empty lines are
-// skipped. Throws InputError for anything else, and for a name that stands twice.
+// Reads lines `name seconds`: when images were taken, from any origin. `#` comments and empty lines
+// are skipped. Throws InputError for anything else, and for a name that stands twice.
 std::map<std::string, double> ReadTimes(const std::filesystem::path& file);
 void WriteTimes(const std::filesystem::path& file, const std::map<std::string, double>& times);
 
-// Lines `name group`, such as day or night, the same way.
+// Reads and writes lines `name group`, such as day or night, likewise.
 std::map<std::string, std::string> ReadGroups(const std::filesystem::path& file);
 void WriteGroups(const std::filesystem::path& file,
                  const std::map<std::string, std::string>& groups);
 
-// Returns the specification with each path moved: those after the kind, and of the keys that name a
-// file (an orthophoto, a list of names, a transform). Other keys hold patterns within a folder, or
-// no paths; other forms stay as they are.
+// Returns the specification with `move` applied to each path: those after the kind, and those of
+// keys that name a file (an orthophoto, a list of names, a transform). Keys that hold patterns
+// within a folder or no paths, and other forms, stay as they are.
 std::string MapSpecPaths(
     const std::string& spec,
     const std::function<std::filesystem::path(const std::filesystem::path&)>& move);

@@ -1,5 +1,5 @@
-// Which of a job's tasks (images, queries) this process does, so that machines share the work
-// without talking.
+// Chooses the tasks of a job (images, queries) that this process does, so that machines share the
+// work without communication.
 
 #pragma once
 
@@ -10,8 +10,8 @@
 
 namespace raylift {
 
-// The tasks are dealt in turn: of a list that all parts have in the same order, the task at
-// `position` belongs to part `position` modulo `count`. Sizes differ by one at most.
+// A part of a job. Tasks are dealt in turn: of a list that all parts have in the same order, the
+// task at `position` belongs to part `position` modulo `count`. Sizes differ by one at most.
 struct Shard {
   int index = 0;
   int count = 1;
@@ -23,17 +23,16 @@ struct Shard {
   bool operator==(const Shard&) const = default;
 };
 
-// "i/n": i counts from 1 to n or from 0 to n - 1, as the scheduler does: n / n is the same shard as
-// 0 / n, so that either way all n are different.
-// "auto": i and n as what has started the process tells them in its environment (the table in
-// shard.cc): a job array, the tasks of srun or mpirun, or an array of such tasks. Throws
-// OptionError with the way out wherever a shard could be lost or done twice. "auto/N": the same
-// where N is not told or not the whole: an array's index is i and counts from 0. Throws OptionError
-// for anything else.
+// Parses "i/n": i counts from 1 to n or from 0 to n - 1, as the scheduler does: n / n is the same
+// shard as 0 / n, so that either way all n are different.
+// "auto": i and n are read from the environment that a launcher sets (the table in shard.cc): a job
+// array, the tasks of srun or mpirun, or an array of such tasks. Throws OptionError with the way
+// out wherever a shard could be lost or done twice. "auto/N": the same where N is not told or not
+// the whole: an array's index is i and counts from 0. Throws OptionError for anything else.
 using Environment = std::function<std::optional<std::string>(const std::string&)>;
 Shard ParseShard(const std::string& text, const Environment& environment);
 
-// Returns a variable of this process.
+// Returns a variable of this process's environment.
 std::optional<std::string> EnvironmentVariable(const std::string& name);
 
 }  // namespace raylift

@@ -1,6 +1,6 @@
-// A run of many tasks that keeps their results as they come: in a folder, by itself or side by side
-// with the other shards of the run, and so that a killed run goes on where it was. Whatever happens
-// in between, the results are those of one run that was left alone.
+// Runs many tasks and keeps their results as they come, in a folder: by one process or by several
+// shards side by side, and so that a killed run can be resumed. Whatever happens in between, the
+// results are those of one uninterrupted run.
 
 #pragma once
 
@@ -21,7 +21,7 @@
 namespace raylift {
 
 // The files that a job's manifest promises: those that a task has written, and in the end the
-// results. Whoever goes on with the job or ends it looks whether they are there.
+// results. A run that resumes or completes the job checks that they are there.
 
 struct PromisedFile {
   std::string path;  // relative to the job's folder
@@ -53,22 +53,23 @@ struct JobFolder {
   std::filesystem::path out;
   Shard shard = {};
   bool resume = false;  // keep what former runs have left
-  // Begin anew where there was a former run. With neither of the two its folder is refused.
+  // Starts anew where there was a former run. With neither of the two a folder with a former run is
+  // refused.
   bool overwrite = false;
   bool wait = false;  // until another run that writes to the folder has ended; else it is an error
 };
 
-// A task that is done: its line in the manifest is {"name": ..., "place": ..., "key": ..., ...,
-// "files": [...]}, the last of these where it has files of its own (PromisedFile). A task whose
-// files are not there is not done.
+// A task that is done. Its line in the manifest is {"name": ..., "place": ..., "key": ..., ...,
+// "files": [...]}, where "files" stands if the task has files of its own (PromisedFile). A task
+// whose files are missing counts as not done.
 struct TaskRecord {
   size_t place = 0;  // in the list of all tasks
   std::string line;
 };
 
 // A job's manifest: a header of all that the results depend on, a line of what all tasks have in
-// common where there is such a thing (the facts), a line for each task that is done, and a last one
-// of the results.
+// common if there is any (the facts), a line for each task that is done, and at last one of the
+// results.
 struct TaskManifest {
   std::string header;  // empty: there is no manifest
   std::optional<std::string> facts;
@@ -78,7 +79,7 @@ struct TaskManifest {
   std::set<std::string> instructions = {};
 };
 
-// Says so where the machines of a job's shards differ; empty where they do not.
+// Returns warnings where the machines of a job's shards differ.
 std::vector<std::string> MachineWarnings(const TaskManifest& manifest);
 
 // Returns whether a line of facts or of a task can be read by the command that has written it.
@@ -86,64 +87,66 @@ using IsReadable = std::function<bool(const std::string& line)>;
 
 // The properties that tell one command's jobs from another's.
 struct JobForm {
-  // The files that a complete run leaves in its folder; where the first is, there was one.
+  // The files that a complete run leaves in its folder; the first tells that there was such a run.
   std::vector<std::string> results;
   IsReadable is_readable;
 
-  // For jobs of which nothing but the tasks' files counts: for each task the hash of all that its
-  // files depend on. A run that goes on keeps the tasks whose keys are the same, whatever else has
-  // changed; without, it must have had the same header.
+  // For jobs of which only the tasks' files count: for each task the hash of all that its files
+  // depend on. A resumed run keeps the tasks of equal keys, whatever else has changed; without keys
+  // the former run must have had the same header.
   std::vector<std::string> keys = {};
   int threads = 0;
 };
 
-// Throws OptionError where the folder holds a former run, as far as can be told without its header
-// (shards work side by side), and the options do not say what is to become of it.
+// Throws OptionError where the folder holds a former run, as far as that can be told without its
+// header (shards work side by side), and the options do not say to resume or to overwrite it.
 void RefuseFormerRun(const JobFolder& folder, const JobForm& form);
 
-// Removes a former run's manifests and results; while there are manifests with the header `kept`,
-// which is no run's where it is empty, neither these nor the results.
+// Removes a former run's manifests and results. While there are manifests with the header `kept`
+// (empty for none), these and the results stay.
 void RemoveFormerRun(const std::filesystem::path& out, const JobForm& form,
                      const std::string& kept = {});
 
 class TaskJob {
  public:
-  // `names` are distinct; `header` is JSON of all that the results depend on. OptionError as above;
-  // Throws InputError where a run that is to go on had another header, naming what differs, or
-  // another run is at work.
+  // Takes distinct `names` and a `header`, JSON of all that the results depend on. Throws
+  // OptionError as above, InputError where a run to be resumed had another header, naming what
+  // differs, or another run is at work.
   TaskJob(const std::vector<std::string>& names, const std::string& header, JobFolder folder,
           JobForm form);
   ~TaskJob();
 
-  // Returns what is done of this shard, and the facts as this or another run of the same header
-  // found them.
+  // Returns the tasks of this shard that are done, and the facts as this or another run of the same
+  // header found them.
   const TaskManifest& manifest() const { return manifest_; }
-  // Returns the key of a task, which is given by its place in the list.
+  // Returns the key of the task at a place of the list.
   const std::string& key(size_t task) const { return keys_[task]; }
 
-  // Before the first Add(): from now on there is a manifest. What was there before stays until
+  // Starts the manifest; to be called before the first Add(). What was there before stays until
   // then. Throws OutputError where it cannot be written, InputError where another run is at work.
   void Begin(const std::optional<std::string>& facts);
 
-  // Returns the tasks of this shard that are not done, once the others would survive a loss of
-  // power; throws what one of these could not be kept for.
+  // Returns the tasks of this shard that are not done, after syncing the files of the others to
+  // disk; throws where one cannot be synced.
   std::vector<size_t> Missing() const;
 
-  // A task is done; `line` is {"name": ..., "place": `task`, "key": key(task), ...}. Thread safe.
+  // Records that a task is done; `line` is {"name": ..., "place": `task`, "key": key(task), ...}.
+  // Thread safe.
   void Add(size_t task, const std::string& line);
 
-  // Returns what is done of all shards, once all are; nullopt before. Throws OutputError where what
-  // this run has written or kept is no longer there.
+  // Returns the tasks of all shards, once all are done; nullopt before. Throws OutputError where a
+  // file that this run has written or kept is no longer there.
   std::optional<TaskManifest> Whole() const;
-  // With Whole(), perhaps in a form that does not show who has done what, and the files of the
-  // results, which are written. The job is complete. Throws OutputError where one is gone.
+  // Completes the job with Whole()'s manifest, perhaps in a form that does not show which process
+  // has done what, and the files of the results, which are written by now. Throws OutputError where
+  // one is missing.
   void Finish(TaskManifest whole, std::span<const std::filesystem::path> results);
 
  private:
   void TakeFormerRuns(const std::string& header);
   bool TakeRecord(size_t task, const TaskManifest& from, TaskManifest& to) const;
   bool GoesOnAnyway() const { return !form_.keys.empty(); }
-  // Returns the tasks whose files are not there.
+  // Returns the tasks whose files are missing.
   std::vector<size_t> WithoutFiles(const TaskManifest& manifest, FileCheck check) const;
   void RequireFiles() const;
   std::optional<TaskManifest> WholeOfShards() const;

@@ -15,8 +15,8 @@
 
 namespace raylift {
 
-// The consistency filter without thresholds: how far each lifted point can be trusted follows from
-// the multi-view errors alone.
+// The consistency filter without thresholds: each lifted point is rated by the multi-view errors
+// alone.
 //
 // The error of a point in another reference has a part across the epipolar line, which only the
 // keypoints' noise causes, and a part along it, which wrong depth adds to. Their distributions over
@@ -32,8 +32,8 @@ namespace raylift {
 // s_n. So a point that no other reference sees well enough is as good as the geometry is on the
 // whole.
 //
-// All queries of a scene together say better whether its geometry is accurate than the few
-// views of one.
+// All queries of a scene together tell better than the few views of one query whether its geometry
+// is accurate.
 
 // Standard deviations in pixels of a reference.
 struct MultiViewNoise {
@@ -55,7 +55,7 @@ struct MultiViewTrust {
   std::vector<PointTrust> points;
 };
 
-// Returns nullopt where there are too few views of several references to say anything.
+// Returns nullopt where too few views of several references tell the noise.
 std::optional<MultiViewTrust> EstimateTrust(std::span<const PosedImage> references,
                                             std::span<const Match2D2D> matches_2d2d,
                                             std::span<const Match2D3D> points);
@@ -90,7 +90,7 @@ struct ConsistencyThresholds {
   void Validate() const;
 };
 
-// Says what kAuto does where it would keep fewer than `min_points`.
+// States what kAuto does where it would keep fewer than `min_points`.
 enum class FewPoints {
   kDropAll,   // a handful of noisy points only disturbs an estimator that can do without
   kKeepBest,  // the best `min_points`, for an estimator that has nothing else
@@ -101,7 +101,7 @@ struct FilterOptions {
   ConsistencyThresholds thresholds = {};  // of kFixed
   FewPoints few_points = FewPoints::kDropAll;
   size_t min_points = 30;
-  // For kAuto: the noise that the scene's queries show together, which says better than one query's
+  // For kAuto: the noise that all queries of the scene show, which tells better than one query's
   // views whether the geometry is accurate.
   std::optional<MultiViewNoise> multi_view_noise = std::nullopt;
 
@@ -112,8 +112,8 @@ struct FilterCounts {
   size_t consistent = 0;
   size_t dropped_by_views = 0;
   size_t dropped_by_ratio = 0;  // of those that enough views agree on
-  // kAuto counts here what its views say is too far off; as dropped by views what no other
-  // reference sees, as dropped by ratio what half of the others contradict.
+  // kAuto counts here the points whose views show too large an error, in dropped_by_views those
+  // that no other reference sees, and in dropped_by_ratio those that half of the others contradict.
   size_t dropped_by_error = 0;
   size_t dropped_as_too_few = 0;  // consistent, but too few remained
 };
@@ -124,7 +124,7 @@ struct FilterResult {
   std::optional<MultiViewNoise> noise;  // that kAuto found
 };
 
-// The points that the options keep: all of them where the filter is off.
+// Returns which points the options keep: all of them where the filter is off.
 FilterResult FilterPoints(std::span<const PosedImage> references,
                           std::span<const Match2D2D> matches_2d2d,
                           std::span<const Match2D3D> points, const FilterOptions& options);

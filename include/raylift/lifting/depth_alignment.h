@@ -1,5 +1,5 @@
 // Matches between references, from the matches of queries: where a query keypoint is matched with
-// several references, the matched keypoints show the same thing. They tell how well a source of
+// several references, the matched keypoints show the same point. They tell how well a source of
 // geometry fits the references' poses without any ground truth.
 
 #pragma once
@@ -21,7 +21,7 @@
 
 namespace raylift {
 
-// Indices count in a list of references that comes with the matches.
+// Indices refer to a list of references that comes with the matches.
 struct ReferenceMatch {
   int reference_a = 0;
   int reference_b = 0;  // another
@@ -29,11 +29,11 @@ struct ReferenceMatch {
   Eigen::Vector2d b_px;
 };
 
-// All pairs of keypoints of different references that are matched with one query keypoint; each
-// pair once.
+// Returns all pairs of keypoints of different references that are matched with one query keypoint,
+// each pair once.
 std::vector<ReferenceMatch> TransitiveMatches(std::span<const Match2D2D> matches);
 
-// Geometry whose depth is corrected per reference, for depth maps that do not agree with each other
+// Corrects the depth of geometry per reference, for depth maps that do not agree with each other
 // (monocular depth: each map has a scale and a slow drift of its own).
 
 // z becomes z * exp(log_factor(pixel)) + shift. The log factor is bilinear between the nodes of a
@@ -73,7 +73,7 @@ class AlignedSource final : public GeometrySource {
 };
 
 // Makes the depth of many maps consistent without ground truth: matches between references whose
-// poses are known say by triangulation how deep a keypoint is, and each map is corrected so that
+// poses are known give the depth of keypoints by triangulation, and each map is corrected so that
 // its keypoints project onto their matches in the other references. Maps do not depend on each
 // other, as only the matches in the other images are used, never the other maps' depth.
 
@@ -82,7 +82,7 @@ enum class AlignMode {
   kScale,   // one factor per map
   kAffine,  // factor and shift
   kGrid,    // factors on a coarse grid, bilinear between (low frequencies in log depth)
-  // The first of these that predicts matches which it was not fitted to as well as any.
+  // The first of these modes that predicts held-out matches as well as any.
   kAuto,
 };
 template <>
@@ -114,7 +114,7 @@ struct DepthAlignment {
   std::map<std::string, DepthCorrection> Corrections() const;
 };
 
-// Results do not depend on the number of threads.
+// Fits the corrections. The result does not depend on the number of threads.
 DepthAlignment AlignDepth(const GeometrySource& source, std::span<const PosedImage> references,
                           std::span<const ReferenceMatch> matches, AlignMode mode, int threads);
 

@@ -1,14 +1,15 @@
-// What the confidences beside depth maps are worth: the standard deviation of ln(depth) that each
-// stands for, learned from matches between references whose poses are known.
+// Learns the standard deviation of ln(depth) that each confidence beside depth maps stands for,
+// from matches between references whose poses are known.
 //
-// A match of a map's keypoint in another image says how wrong its depth is: the keypoint projects e
-// pixels along the epipolar line from its match, and a unit of ln(depth) moves the projection by g.
-// With the noise s of keypoints, that is known across the lines, and the share w of wrong matches,
+// A match of a map's keypoint in another image shows the error of its depth: the keypoint projects
+// e pixels along the epipolar line from its match, and a unit of ln(depth) moves the projection by
+// g. With the noise s of keypoints, that is known across the lines, and the share w of wrong
+// matches,
 //
 //   p(e | c) = (1 - w) N(e; 0, s^2 + g^2 sigma(c)^2) + w / extent
 //
-// where sigma(c) is a monotone function of the confidence c, falling or rising, of the greatest
-// likelihood. It counts where it predicts the matches of references that it was not learned from
+// where sigma(c) is the monotone function of the confidence c, falling or rising, of the greatest
+// likelihood. It is used where it predicts the matches of references that it was not learned from
 // better than one sigma of all depths does, by more than two standard errors over eight maps or
 // more.
 
@@ -33,21 +34,22 @@ struct ConfidenceWorth {
   std::vector<Knot> knots = {};  // by confidence; empty: confidences tell nothing and are not used
   double common_sigma = 0;       // of all depths alike; 0: too few matches tell
   size_t num_matches = 0;
-  // The log likelihood of the references left out in turn beyond that of the common sigma, and its
-  // standard error.
+  // The log likelihood of held-out references beyond that of the common sigma, and its standard
+  // error.
   double gain = 0;
   double gain_sigma = 0;
 
   bool tells() const { return !knots.empty(); }
-  // Returns the sigma of a confidence, whose logarithm is linear between knots and constant beyond
-  // them: the largest one where it is not a number. Only where confidences tell anything.
+  // Returns the sigma of a confidence; its logarithm is linear between knots and constant beyond
+  // them. For a confidence that is not a number it is the largest. To be called only where there
+  // are knots.
   double SigmaAt(double confidence) const;
 };
 
-// Returns what the confidences of maps are worth for the source that lifts by these maps as they
-// are read, and is to be corrected so: `alignment` is of these references, or of none. What a
-// correction leaves wrong in one half of a map's places is seen by one that the other half's
-// matches tell. The result does not depend on the number of threads.
+// Learns the sigmas of the confidences of `maps` for the source that lifts by these maps as they
+// are read. `alignment` is the correction of these references' depth, or empty. What a correction
+// leaves wrong in one half of a map's places is measured by a correction from the other half's
+// matches. The result does not depend on the number of threads.
 ConfidenceWorth LearnConfidence(const GeometrySource& source, const DepthFolder& maps,
                                 const DepthAlignment& alignment,
                                 std::span<const PosedImage> references,

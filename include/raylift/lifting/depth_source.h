@@ -1,7 +1,7 @@
-// Depth maps as a source of geometry: what the numbers of a folder of maps mean, the folder, and
-// the source that lifts pixels by it. Every pipeline has its own dialect (z or the length of the
-// ray, meters or millimeters, holes as 0, 65535 or infinity), and each map is converted once, when
-// it is loaded, to the one that everything else knows: DepthMap.
+// Depth maps as a source of geometry: the meaning of the numbers in a folder of maps, the folder,
+// and the source that lifts pixels by it. Every pipeline has its own convention (z or the length of
+// the ray, meters or millimeters, holes as 0, 65535 or infinity); each map is converted once, when
+// it is loaded, to that of DepthMap.
 
 #pragma once
 
@@ -35,7 +35,7 @@ inline constexpr auto kEnumNames<DepthKind> = std::to_array<EnumName<DepthKind>>
     {DepthKind::kInverse, "inverse", "inverse depth"},
 });
 
-// How the samples of a file lie in its image; each undoes itself.
+// The order of a file's samples in the image; each order is its own inverse.
 enum class MapOrientation {
   kAsStored,
   kFlippedX,    // left and right exchanged
@@ -76,7 +76,7 @@ struct DepthSensor {
   Rigid3 image_from_sensor;  // from the sensor's frame to that of the photograph's camera
 };
 
-// What maps of points are told in, whose z is then the depth.
+// The frame of a map of points, whose z is then the depth.
 enum class PointFrame {
   kCamera,        // x right, y down, z forward
   kOpenGlCamera,  // y up, z backward
@@ -91,10 +91,10 @@ inline constexpr auto kEnumNames<PointFrame> = std::to_array<EnumName<PointFrame
 
 // The maps of many images in one file.
 struct BundleLayout {
-  // Where it is, relative to the folder (which may itself be such a file), in the order of
+  // Paths of the file, relative to the folder (which may itself be such a file), in the order of
   // preference.
   std::vector<std::string> files = {};
-  // Whose maps it holds, in their order, and the file that says it, if one does.
+  // The images whose maps it holds, in their order, and the file that says it, if one does.
   std::vector<std::string> names = {};
   std::filesystem::path names_file = {};
   std::optional<PointFrame> points = std::nullopt;  // the array is one of points, (N, H, W, 3)
@@ -106,19 +106,19 @@ struct BundleLayout {
 struct DepthConvention {
   DepthKind kind = DepthKind::kZ;
   MapOrientation orientation = MapOrientation::kAsStored;
-  // Scene units of a stored 1 (of kInverse: 1 / scene units). None: 1 where the file holds floats,
-  // 0.001 (millimeters) where it holds integers.
+  // Scene units of a stored 1 (of kInverse: 1 / scene units). nullopt: 1 where the file holds
+  // floats, 0.001 (millimeters) where it holds integers.
   std::optional<double> unit = std::nullopt;
   double scale = 1;  // times this, for whole sources whose scale is off
-  // Stored values that mean "none"; what is not finite or not positive always does.
+  // Stored values that mean no depth; values that are not finite or not positive always do.
   std::vector<double> invalid_values = {};
   double max_depth = std::numeric_limits<double>::infinity();  // scene units; beyond: none
 
-  // Where the map of an image is, relative to the folder, in the order of preference. "{name}" is
-  // the image's name in the model, "{dir}" its folder, "{stem}" its file name without extension,
-  // "{base}" that up to the first dot, "{flat}" the folder and {base} joined by "_", "{flat7}" the
-  // same without the folder's "-", "{time}" the number in the folder nearest to {stem} as seconds
-  // (within 20 ms). Empty: the usual ones are tried.
+  // Patterns of the path of an image's map, relative to the folder, in the order of preference.
+  // "{name}" is the image's name in the model, "{dir}" its folder, "{stem}" its file name without
+  // extension, "{base}" that up to the first dot, "{flat}" the folder and {base} joined by "_",
+  // "{flat7}" the same without the folder's "-", "{time}" the number in the folder nearest to
+  // {stem} as seconds (within 20 ms). Empty: the usual ones are tried.
   std::vector<std::string> patterns = {};
   BundleLayout bundle = {};
   MapFit fit = MapFit::kWhole;
@@ -126,11 +126,12 @@ struct DepthConvention {
   bool headerless = false;  // plain floats, of `raw_size` or else of the image's size
   std::optional<PlaneSize> raw_size = std::nullopt;
 
-  // Whose maps these are, where that is not the photograph's camera: they are turned into its own.
+  // The sensor that the maps are of where it is not the photograph's camera: they are warped into
+  // the photograph.
   std::optional<DepthSensor> sensor = std::nullopt;
 
-  // A second map that says how far each depth can be trusted; below the threshold there is none.
-  // Above it, what confidences are worth is learned (depth_confidence.h).
+  // Pattern of a second map that says how far each depth can be trusted; depths below the threshold
+  // are dropped. The worth of the confidences above it is learned (depth_confidence.h).
   std::string confidence_pattern = {};  // of a bundle: the array's name; empty: there is none
   // In stored values; nullopt: none is dropped.
   std::optional<double> confidence_threshold = 0.5;
@@ -139,30 +140,31 @@ struct DepthConvention {
 // The depth maps of the references of a scene, found, loaded and converted when they are needed.
 class DepthFolder {
  public:
-  // Finds the maps of these references: in a file for each in a folder, or all in one file.
-  // InputError where there is none at all. One is read, so that a wrong format is noticed at once.
+  // Finds the maps of these references: one file each in a folder, or all in one file. Throws
+  // InputError where there is none at all. One map is read, so that a wrong format is noticed at
+  // once.
   DepthFolder(std::filesystem::path folder, DepthConvention convention,
               std::span<const PosedImage> references, size_t max_cache_bytes = size_t{1} << 29);
   ~DepthFolder();
 
-  // The converted map of a reference; null where there is none. Maps are kept while the cache has
-  // room. Thread safe: a map is read once even where many threads ask for it.
+  // Returns the converted map of a reference; null where there is none. Maps are kept while the
+  // cache has room. Thread safe: a map is read once even where many threads ask for it.
   std::shared_ptr<const DepthMap> Load(const PosedImage& reference) const;
-  // Returns whether there are confidences that are known of a reference's pixels: a sensor's lie
-  // as the sensor sees them.
+  // Returns whether there are confidences for the pixels of references; those of a sensor are for
+  // the sensor's own pixels.
   bool HasConfidences() const;
-  // Those of a reference's map, as stored; null where there are none.
+  // Returns the confidences of a reference's map, as stored; null where there are none.
   std::shared_ptr<const DepthMap> LoadConfidence(const PosedImage& reference) const;
 
   // Says how the files were read ("PNG uint16 640 x 480, z, 1 is 0.001").
   const std::string& interpretation() const { return interpretation_; }
-  // Returns the size of the first reference's map, as it lies in the image.
+  // Returns the size of the first reference's map, oriented as the image.
   PlaneSize size_px() const { return size_px_; }
-  // Returns what a stored 1 is in scene units (of kInverse: in 1 / scene units), with the scale, of
-  // the first reference's map.
+  // Returns the scene units of a stored 1 (of kInverse: 1 / scene units), with the scale, of the
+  // first reference's map.
   double unit() const { return unit_; }
   const DepthConvention& convention() const;
-  // Returns what the user should know: references without a map, a unit that was guessed.
+  // Returns warnings for the user: references without a map, a unit that was guessed.
   const std::vector<std::string>& warnings() const { return warnings_; }
 
  private:
@@ -186,7 +188,7 @@ inline constexpr auto kEnumNames<DepthInterpolation> = std::to_array<EnumName<De
 struct DepthSamplingOptions {
   DepthInterpolation interpolation = DepthInterpolation::kEdgeAware;
   double max_jump = 0.05;  // relative, from pixel to pixel
-  // Where the first sample of a map lies, in its pixels: 0.5 where samples are at pixel centers, 0
+  // The position of a map's first sample, in its pixels: 0.5 where samples are at pixel centers, 0
   // where the map was made for integer coordinates. For LiftByDepthMap; SampleDepth takes positions
   // with centers at 0.5.
   double first_sample_px = 0.5;

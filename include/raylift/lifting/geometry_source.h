@@ -1,4 +1,4 @@
-// A source of scene geometry: it says which 3D point a pixel of a reference photograph shows.
+// A source of scene geometry gives the 3D point that a pixel of a reference photograph shows.
 
 #pragma once
 
@@ -17,19 +17,20 @@
 
 namespace raylift {
 
-// Where the ray of a pixel meets the scene, and how far that can be trusted.
+// The point in which the ray of a pixel meets the scene, and its quality.
 struct SurfacePoint {
   Eigen::Vector3d point_in_world;
-  // Unit, turned toward the camera; straight at it where the source does not know the surface.
+  // Unit normal, turned toward the camera; it points straight at the camera where the source does
+  // not know the surface.
   Eigen::Vector3d normal_in_world;
   double depth_z;        // along the reference's optical axis (Camera::DepthOf), scene units
   double incidence_deg;  // angle between the normal and the ray back to the camera
   bool back_face;        // the surface was met from behind (by its winding)
-  // The largest relative difference of depth, close around the keypoint, between what is there and
-  // the point's plane: near a silhouette it is large, in the middle of a slanted wall it is not.
-  // It is nullopt where the source did not look.
+  // The largest relative difference of depth, close around the keypoint, between the scene and the
+  // point's plane: large near a silhouette, small in the middle of a slanted wall. nullopt where
+  // the source did not measure it.
   std::optional<double> depth_jump = std::nullopt;
-  // A triangulated point has one.
+  // The track of a triangulated point.
   struct Track {
     size_t length = 0;               // images that observe it
     std::optional<double> error_px;  // its mean reprojection error in them
@@ -48,8 +49,8 @@ class GeometrySource {
   // Returns a name for messages and diagnostics, e.g. "mesh:room.ply".
   virtual std::string Description() const = 0;
 
-  // The surface points of a batch of pixels of one reference, in order; none where the source has
-  // no surface. Thread safe.
+  // Returns the surface points of a batch of pixels of one reference, in order; nullopt where the
+  // source has no surface. Thread safe.
   virtual std::vector<std::optional<SurfacePoint>> Lift(
       const PosedImage& reference, std::span<const Eigen::Vector2d> pixels) const = 0;
 };
@@ -61,13 +62,13 @@ struct SourceView {
   std::vector<float> incidence_deg;     // -1 = not known
 };
 
-// Which surface points a source gives away: what is seen too obliquely, too far off or at a
-// silhouette is lifted badly.
+// Limits on the surface points that a source gives: points that are seen too obliquely, too far
+// away or at a silhouette are lifted badly.
 
 struct SurfaceLimits {
   enum class BackFaces { kKeep, kDrop };
 
-  double near_z = 0;  // what is closer is not there: a mesh is looked through
+  double near_z = 0;  // surfaces that are closer do not count: a mesh is looked through
   double far_z = std::numeric_limits<double>::infinity();
   double max_incidence_deg = 90;
   double max_depth_jump = std::numeric_limits<double>::infinity();

@@ -1,5 +1,5 @@
-// Turns matches between pictures into matches between a picture and the scene: each reference pixel
-// is lifted to the surface point that it shows.
+// Lifts 2D-2D matches with references to 2D-3D matches with the scene: each reference pixel is
+// lifted to the surface point that it shows.
 
 #pragma once
 
@@ -44,19 +44,19 @@ struct LiftResult {
 };
 
 // Lifts every match whose reference pixel shows a surface, in one batch per reference and source.
-// With kFirst a source is asked only for what those before it do not know.
+// With kFirst a source is asked only for the matches that those before it could not lift.
 LiftResult LiftMatches(std::span<const GeometrySource* const> sources, GeometryMode mode,
                        std::span<const PosedImage> references, std::span<const Match2D2D> matches);
 LiftResult LiftMatches(const GeometrySource& source, std::span<const PosedImage> references,
                        std::span<const Match2D2D> matches);
 
-// The lifted matches as a PoseProblem holds them.
+// Returns the lifted matches as a PoseProblem holds them.
 std::vector<Match2D3D> Matches2D3D(const LiftResult& result);
 
-// One 3D point per query keypoint. A keypoint that is matched with several references is lifted
-// from each of them, and these candidates differ by the noise of matches and geometry. The paper
-// keeps them all; MeshLoc (Panek et al., ECCV 2022) also merges them, or triangulates the matched
-// reference keypoints and does without geometry.
+// Reduces the 3D points of a query keypoint to one. A keypoint that is matched with several
+// references is lifted from each of them, and these candidates differ by the noise of matches and
+// geometry. The paper keeps them all; MeshLoc (Panek et al., ECCV 2022) also merges them, or
+// triangulates the matched reference keypoints and does without geometry.
 
 enum class CandidateMode {
   kKeep,         // all of them
@@ -87,7 +87,7 @@ struct CandidateOptions {
 };
 
 // Returns, of the points of each query keypoint, the one of the lowest cost, refined; it keeps the
-// reference and the match that it was lifted from. They are in the order in which the keypoints
+// reference and the match that it was lifted from. Points are in the order in which the keypoints
 // first occur in `points`.
 std::vector<Match2D3D> MergeCandidates(std::span<const PosedImage> references,
                                        std::span<const Match2D2D> matches_2d2d,
@@ -95,8 +95,8 @@ std::vector<Match2D3D> MergeCandidates(std::span<const PosedImage> references,
                                        const CandidateOptions& options);
 
 // Returns a point for each query keypoint on which two references or more agree whose rays meet at
-// min_angle_deg at least: the best of the points of pairs of references, refined. It is of no
-// single reference. They are in the order in which the keypoints first occur in `matches_2d2d`.
+// min_angle_deg at least: the best of the points of pairs of references, refined. It belongs to no
+// single reference. Points are in the order in which the keypoints first occur in `matches_2d2d`.
 std::vector<Match2D3D> TriangulateMatches(std::span<const PosedImage> references,
                                           std::span<const Match2D2D> matches_2d2d,
                                           const CandidateOptions& options);

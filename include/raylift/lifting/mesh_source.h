@@ -1,5 +1,5 @@
-// Geometry from a mesh, a point cloud or Gaussian splats: the ray of a reference pixel, through the
-// true lens model, cast at it. Points of clouds and splats come with the noise of their surface.
+// Lifts by a mesh, a point cloud or Gaussian splats: casts the ray of a reference pixel, through
+// the true lens model, at it. Points of clouds and splats come with the noise of their surface.
 
 #pragma once
 
@@ -12,8 +12,8 @@ namespace raylift {
 
 struct MeshOptions {
   SurfaceLimits limits;
-  // Where the limits ask for it, four more rays per keypoint, this far from it, tell the depth jump
-  // around it. Where one of them leaves the mesh, the jump is infinite.
+  // Radius of four more rays around a keypoint, which tell the depth jump there if the limits ask
+  // for it. Where one of them leaves the mesh, the jump is infinite.
   double jump_radius_px = 2;
 };
 

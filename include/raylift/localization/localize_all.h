@@ -1,6 +1,6 @@
-// All queries of a list in one scene, by one configuration (options of the localizer) or by several
-// at once, for comparisons. What a scene's calibration says is learned first unless the scene holds
-// one; then the result of a query depends on no other query's. Its stages:
+// Localizes all queries of a list in one scene, by one configuration (options of the localizer) or
+// by several at once, for comparisons. A scene without a calibration is calibrated first; then the
+// result of a query depends on no other query's. The stages:
 //
 //   calibrate   depth and noise, by matches that are kept for their query's own turn
 //   localize    match, lift, filter, estimate (localizer.h); what configurations have in common is
@@ -37,13 +37,13 @@ struct ContinuousRun;
 
 struct LocalizeAllOptions {
   LocalizerOptions localizer = {};
-  // How depth is corrected in a scene without a calibration (CalibrationOptions::align).
+  // The correction of depth in a scene without a calibration (CalibrationOptions::align).
   AlignMode align = AlignMode::kAuto;
-  // Null: poses are not sharpened by rendering the mesh again.
+  // Null: poses are not refined by rendering the mesh again.
   std::shared_ptr<const Rerenderer> rerenderer = nullptr;
   bool check_input = true;
-  // For RunContinuously(): queries do not tell what the matches of others are worth, as the first
-  // ones must not know of those that come later.
+  // For RunContinuously(): the match noise is not learned from queries, as the first ones must not
+  // depend on later ones.
   bool one_by_one = false;
   int threads = 0;
 };
@@ -52,17 +52,17 @@ class LocalizeAll {
  public:
   LocalizeAll(const Scene& scene, std::vector<Query> queries, std::shared_ptr<MatchSource> matches,
               const LocalizeAllOptions& options);
-  // Several configurations of scenes with the same references, at least one; without the stages
-  // after the pose. The localizers' own sources of matches are not asked.
+  // Takes several configurations of scenes with the same references, at least one; runs them
+  // without the stages after the pose. The localizers' own sources of matches are not used.
   LocalizeAll(std::vector<Localizer> configurations, std::vector<Query> queries,
               std::shared_ptr<const MatchSource> matches, int threads);
   ~LocalizeAll();
 
-  // Learns what is not known yet: the scene's calibration, or what matches are worth to each of
-  // several configurations. The functions below begin with it.
+  // Learns the scene's calibration where it has none, or the match noise for each of several
+  // configurations. The functions below begin with it.
   void Calibrate();
 
-  // Calibrated, once that is done.
+  // Returns the scene, calibrated once Calibrate() is done.
   const Scene& scene() const { return configurations_.front().scene(); }
   const std::vector<Query>& queries() const { return queries_; }
   const Localizer& configuration(size_t index) const { return configurations_[index]; }
@@ -71,29 +71,30 @@ class LocalizeAll {
   // any thread.
   using OnResult = std::function<void(size_t query, const QueryResult& result)>;
   std::vector<LocalizedQuery> Run(const OnResult& on_result = {});
-  // The same of some of them; a frame's photographs help each other even where some of them are not
-  // asked for. With `stop`, those in hand are finished and no other is begun.
+  // Localizes some of the queries; a frame's photographs help each other even where some of them
+  // are not asked for. With `stop`, queries that have begun are finished and no other is begun.
   void Run(std::span<const size_t> queries, const OnResult& on_result,
            const std::atomic<bool>* stop = nullptr);
 
-  // One after the other (continuous/continuous_localizer.h).
+  // Localizes the queries one after the other (continuous/continuous_localizer.h).
   void RunContinuously(ContinuousRun run);
 
-  // One query by each of the configurations. Hands over each one's result; the calls may come in
-  // any order and, for different configurations, from several threads. Thread safe after
+  // Localizes one query by each of the configurations and hands over each result; the calls may
+  // come in any order and, for different configurations, from several threads. Thread safe after
   // Calibrate().
   using Take = std::function<void(size_t configuration, QueryResult& result)>;
   void LocalizeQuery(size_t query, int threads, const Take& take) const;
 
-  // The logarithm of how many times too long the focal length of a query that was localized seems.
+  // Returns ln(assumed / true focal length) of a localized query, as estimated; nullopt where it
+  // was not.
   std::optional<double> LogFocalFactor(size_t query) const { return log_focal_factors_[query]; }
 
-  // Warnings of the matches that were made so far, sorted.
+  // Returns the warnings of the matches that were made so far, sorted.
   std::vector<std::string> MatchWarnings() const;
-  // Warnings of how depth and poses are read, by some 30 queries, or by those that
-  // RunContinuously() has localized; none where they are not checked.
+  // Returns warnings on the reading of depth and poses, from some 30 queries, or from those that
+  // RunContinuously() has localized; empty where it is not checked.
   std::vector<std::string> InputWarnings();
-  // Whether the geometry is to be judged by all results (RunWarnings()).
+  // Returns whether the geometry is to be judged by all results (RunWarnings()).
   bool ChecksGeometry() const;
 
  private:

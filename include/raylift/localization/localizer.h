@@ -1,4 +1,4 @@
-// One query in, one pose out, in four stages, each of which can be called by itself:
+// Localizes one query in four stages, each of which can be called by itself:
 //
 //   Match     the query's 2D-2D matches with retrieved references
 //   Lift      each matched reference keypoint to the 3D point that it shows (or triangulates)
@@ -42,7 +42,7 @@ struct StageCounts {
   size_t inliers_2d2d = 0;
 };
 
-// What each stage of a query took.
+// The time that each stage of a query took.
 struct StageTimes {
   double match_ms = 0;
   double lift_ms = 0;
@@ -61,7 +61,7 @@ struct LocalizedQuery {
   StageTimes times;
   std::optional<int> rerender_rounds;  // that were kept; none where it was not asked for
 
-  // Localized: the whole pose is known.
+  // Returns whether the query is localized: its whole pose is known.
   bool localized() const { return reason.empty(); }
   PoseVerdict verdict() const { return localized() ? estimate.verdict : PoseVerdict::kFailed; }
   double confidence() const { return localized() ? estimate.confidence : 0; }
@@ -69,53 +69,54 @@ struct LocalizedQuery {
   void TakeEstimate(PoseEstimate taken);
 };
 
-// Why an estimate is no localization; empty where it is one.
+// Returns why an estimate is no localization; empty where it is one.
 std::string ReasonNotLocalized(const PoseEstimate& estimate, double min_confidence = 0);
 
 struct QueryResult {
   LocalizedQuery localized;
   PoseProblem problem;  // what is estimated; of a rig's photograph its own part of it
-  // The whole of a rig's, with the photograph whose camera's pose was estimated.
+  // The whole problem of a rig, with the photograph whose camera's pose was estimated.
   std::optional<PoseProblem> rig_problem = std::nullopt;
 };
 
-// Returns what the automatic filter does with few points for a method: those that have nothing but
-// points keep the best, as a handful of noisy ones only disturbs the others.
+// Returns what the automatic filter does with few points for a method: methods that use points
+// alone keep the best, while others drop all, as a handful of noisy points only disturbs them.
 FewPoints FewPointsFor(Method method);
 
-// What a scene's calibration says of noise is used where the options do not say it.
+// Where options leave noise open, that of the scene's calibration is used.
 struct LocalizerOptions {
   EstimatorOptions estimator = {};
-  // What becomes of few points follows from the method.
+  // `filter.few_points` is set by the method.
   FilterOptions filter = {};
   GeometryMode geometry_mode = GeometryMode::kFirst;
-  // Queries whose pose is less sure (PoseEstimate::confidence) are not localized.
+  // Queries whose PoseEstimate::confidence is lower are not localized.
   double min_confidence = 0;
   CandidateOptions candidates = {};  // merged are those that the filter keeps
 };
 
-// Cheap to copy. Thread safe: no call changes it.
+// A localizer is cheap to copy and thread safe: no call changes it.
 class Localizer {
  public:
   // The scene is taken as it is now: it must not change afterwards. `matches` may be null where
-  // matches are always given. OptionError where options are out of range.
+  // matches are always given. Throws OptionError where options are out of range.
   Localizer(std::shared_ptr<const Scene> scene, std::shared_ptr<const MatchSource> matches,
             const LocalizerOptions& options);
-  // With an estimator of one's own; options.estimator then only says what it can do without.
+  // Takes an estimator of the caller's; options.estimator then only tells which matches it can do
+  // without.
   Localizer(std::shared_ptr<const Scene> scene, std::shared_ptr<const MatchSource> matches,
             const LocalizerOptions& options, std::shared_ptr<const PoseEstimator> estimator);
 
-  // All stages.
+  // Run all stages.
   QueryResult Localize(const Query& query) const;                           // known by its name
   QueryResult Localize(const Query& query, const Image& photograph) const;  // gray or RGB
   QueryResult Localize(const Query& query, const Features& features) const;
   QueryResult Localize(const Query& query, QueryMatches matches) const;
 
-  // The stages after Match().
+  // Runs the stages after Match().
   QueryResult Finish(QueryResult matched) const;
 
-  // The stages, in this order. Match() begins a result, the others go on with it. InputError where
-  // given matches name a reference that is not among theirs.
+  // Run the stages, in this order. Match() begins a result, the others go on with it. Throw
+  // InputError where given matches name a reference that is not among theirs.
   QueryResult Match(const Query& query) const;
   QueryResult Match(const Query& query, const Image& photograph) const;
   QueryResult Match(const Query& query, const Features& features) const;
@@ -123,8 +124,8 @@ class Localizer {
   void Lift(QueryResult& result) const;
   void Filter(QueryResult& result) const;
   void Estimate(QueryResult& result) const;
-  // The last stage of a rig's photographs, as one: each gets its own camera's pose. The first one's
-  // is estimated, and what is known beforehand is known of that.
+  // Runs the last stage for the photographs of a rig, as one problem: each gets its own camera's
+  // pose. The first photograph's pose is estimated, and the priors are those of that pose.
   void EstimateRig(std::span<QueryResult> photographs, std::span<const Rigid3> cam_from_rig) const;
 
   const Scene& scene() const { return *scene_; }
@@ -132,18 +133,18 @@ class Localizer {
   const LocalizerOptions& options() const { return options_; }
   const PoseEstimator& estimator() const { return *estimator_; }
 
-  // Whether its estimates use what the scene's queries have in common and do not know it yet; and
-  // the same localizer that knows it.
+  // Return whether the estimates use noise that the scene's queries have in common and that is not
+  // known yet; and the same localizer with that noise.
   bool UsesSceneNoise() const;
   Localizer WithSceneNoise(const SceneNoise& noise) const;
 
-  // Whether the other one's stage gives the same from the same.
+  // Return whether the other localizer's stage gives the same from the same.
   bool LiftsAlike(const Localizer& other) const;
   bool FiltersAlike(const Localizer& other) const;
 
  private:
   const MatchSource& Source() const;
-  // Where a range is known, the problem gets the surface that it is of.
+  // Adds to the problem, where a range is known, the surface that it is of, and estimates the pose.
   PoseEstimate EstimateProblem(PoseProblem& problem) const;
   template <typename MakeMatches>
   QueryResult Begin(const Query& query, const MakeMatches& make_matches) const;

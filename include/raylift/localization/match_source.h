@@ -1,5 +1,5 @@
-// Where the 2D-2D matches of a query come from: files of hloc, COLMAP or other matchers, the
-// built-in front end, or anything else that implements MatchSource.
+// A source of the 2D-2D matches of queries: files of hloc, COLMAP or other matchers, the built-in
+// front end, or anything else that implements MatchSource.
 
 #pragma once
 
@@ -42,106 +42,105 @@ class MatchSource {
   virtual QueryMatches Match(const Query& query) const = 0;
 
   // Returns the matches of a photograph in memory, or of features that were extracted from it.
-  // Thread safe. Throws InputError where the source has nothing to match them with, or cannot: only
-  // the front end can.
+  // Thread safe. Throws InputError where the source cannot match them: only the front end can.
   virtual QueryMatches MatchPhotograph(const Query& query, const Image& photograph) const;
   virtual QueryMatches MatchFeatures(const Query& query, const Features& features) const;
 
-  // Whether the references can be matched with each other, and the matches of one of them with the
-  // others, as of a query. Thread safe.
+  // Return whether the references can be matched with each other, and the matches of one of them,
+  // as a query, with the others. Thread safe.
   virtual bool MatchesReferences() const { return false; }
   virtual QueryMatches MatchReference(const Query& reference) const;
 
-  // From now on this query, localized, is also a reference. Not while matches are made. Only for
-  // sources that were opened for it.
+  // Makes this localized query a reference, too. Must not be called while matches are made, and
+  // only for sources that were opened for it.
   virtual void Join(const PosedImage& localized_query);
 
-  // Returns what the user should be told, collected so far.
+  // Returns warnings for the user, collected so far.
   virtual std::vector<std::string> Warnings() const = 0;
 };
 
-// How matches that are pixels or stand in files are taken.
+// Options for matches that are pixels or stand in files.
 struct MatchReading {
   // Matches of a lower score are left out; matches without scores count as 1, as in hloc.
   std::optional<double> min_score = std::nullopt;
-  // Of pixels that are no features' (a folder of pairs, a matcher of one's own): where the matcher
-  // puts the center of the first pixel, between 0 and 1, and the side of the cells in which query
-  // pixels are one keypoint; 0: equal pixels alone are.
+  // For pixels that are no features' (a folder of pairs, a custom matcher): where the matcher puts
+  // the center of the first pixel, between 0 and 1, and the side of the cells in which query pixels
+  // are one keypoint; 0: only equal pixels are.
   double first_pixel = 0;
   double cell_px = 0;
 };
-// Throws OptionError.
+// Throws OptionError for a value out of its range.
 void Check(const MatchReading& reading);
 
-// What a matcher of one's own is given of a photograph.
+// A photograph as it is given to a custom matcher.
 struct Photograph {
   std::string name;
   std::filesystem::path file;
   const Image* pixels = nullptr;  // null: they are in the file
 };
 
-// Where a query and a reference show the same thing, row by row.
+// Matched pixels of a query and a reference, row by row.
 struct PixelMatches {
   std::vector<Eigen::Vector2d> query_px, reference_px;
   std::vector<double> scores;  // empty: each counts as 1
 };
 
-// Matches a query with each of the references and returns as many PixelMatches, in their order.
-// Called from several threads; what it returns depends on the photographs alone.
+// Matches a query with each of the references and returns as many PixelMatches, in their order. It
+// is called from several threads, and its result must depend on the photographs alone.
 using PhotographMatcher = std::function<std::vector<PixelMatches>(
     const Photograph& query, std::span<const Photograph> references)>;
 
-// Extracts features from a photograph, gray or RGB; called from several threads. Their size is set
-// by the caller.
+// Extracts features from a photograph, gray or RGB; it is called from several threads. The caller
+// sets the image's size.
 using FeatureExtractor = std::function<Features(const Image& photograph)>;
 
-// Describes a photograph (RGB) by a vector of unit length, by which photographs of one place are found;
-// called from several threads.
+// Describes a photograph (RGB) by a vector of unit length, by which photographs of one place are
+// found; it is called from several threads.
 using GlobalDescriptor = std::function<Eigen::VectorXf(const Image& photograph)>;
 
 // The built-in front end: RootSIFT features, retrieval by VLAD unless it is given, and mutual
-// nearest neighbors. All that other programs would bring, made from the photographs alone.
+// nearest neighbors, all from the photographs alone.
 
 struct FrontEndOptions {
   std::filesystem::path reference_images = {};
   std::filesystem::path query_images = {};
-  // Features and retrieval are kept here in hloc's layout, and used again where nothing changed;
-  // features are then read when they are matched. Empty: nothing is kept, all are in memory.
+  // Folder in which features and retrieval are kept in hloc's layout and reused where nothing
+  // changed; features are then read when they are matched. Empty: nothing is kept, all are in
+  // memory.
   std::filesystem::path cache = {};
-  // By image name: features that are known already. The photographs of these are not read.
+  // Features that are known already, by image name. These photographs are not read.
   std::map<std::string, Features> features = {};
   int top_k = 10;
   int max_features = 4096;
   double max_ratio = 0.8;
-  // In place of RootSIFT, for retrieval and matching; `extractor_name` tells its features in the
-  // cache from those of others.
+  // Replaces RootSIFT, for retrieval and matching; `extractor_name` tells its features in the cache
+  // from those of others.
   FeatureExtractor extractor = nullptr;
   std::string extractor_name = {};
-  // In place of mutual nearest neighbors: the retrieved references are matched by it, and `reading`
-  // says how its pixels are taken. By `matcher_name` its matches may be kept in the cache, which it
-  // does itself.
+  // Replaces mutual nearest neighbors: it matches the retrieved references, and `reading` says how
+  // its pixels are taken. A matcher that keeps its matches in the cache does so by `matcher_name`.
   PhotographMatcher matcher = nullptr;
   std::string matcher_name = {};
   MatchReading reading = {};
-  // In place of VLAD, unless the references are given below; nothing of it is kept.
+  // Replaces VLAD, unless the references are given below; its vectors are not kept.
   GlobalDescriptor descriptor = nullptr;
   uint64_t seed = 0;
   int threads = 0;
   bool show_progress = false;
-  // The references of each query where they were not to be retrieved by VLAD, and what is to be told
-  // of that retrieval.
+  // The references of each query where VLAD is not to retrieve them, and the warnings of that
+  // retrieval.
   std::optional<RetrievedLists> retrieved = std::nullopt;
   std::vector<std::string> retrieval_warnings = {};
   // Queries may be references, which are matched with the others.
   bool among_references = false;
-  // With a number, queries may become references, up to so many of the top_k; Match() itself
-  // then uses `threads`.
+  // Up to so many queries that became references may be among the top_k; Match() itself then uses
+  // `threads`. nullopt: no query becomes a reference.
   std::optional<int> max_joined = std::nullopt;
 };
 
 // Extracts the features of all images and retrieves references; Match() matches. Queries may also
-// come one by one from memory, by MatchPhotograph() and MatchFeatures(): these take references by
-// VLAD. InputError where an image is missing or does not have its camera's size.
+// come one by one from memory, by MatchPhotograph() and MatchFeatures(), which retrieve references
+// by VLAD. Throws InputError where an image is missing or does not have its camera's size.
 std::unique_ptr<MatchSource> MakeFrontEndMatches(const FrontEndOptions& options,
                                                  const ReferenceSet& references,
                                                  const std::vector<Query>& queries);
@@ -154,16 +153,16 @@ struct FeatureCount {
 };
 
 // Extracts the features of this shard's images to options.cache, where MakeFrontEndMatches() finds
-// them. What was there already stays. The shard after which none is missing also learns what
-// references are retrieved by, `for_vlad`.
+// them. Features that were there stay. The shard that completes the features also computes,
+// `for_vlad`, the vectors for retrieval.
 FeatureCount PrepareFrontEnd(const FrontEndOptions& options, const ReferenceSet& references,
                              const std::vector<Query>& queries, const Shard& shard, bool for_vlad);
 
-// The features of a photograph (gray or RGB) as MatchPhotograph() extracts them, rounded as a cache
+// Extracts the features of a photograph (gray or RGB) as MatchPhotograph() does, rounded as a cache
 // would store them: a query gives the same bytes from memory as from disk.
 Features ExtractFrontEndFeatures(const Image& photograph, int max_features);
 
-// Ways to retrieve the references of a query before any matching.
+// The ways to retrieve the references of a query before any matching.
 enum class RetrievalMethod { kVlad, kGlobal, kPose, kOverlap, kCovisibility };
 template <>
 inline constexpr auto kEnumNames<RetrievalMethod> = std::to_array<EnumName<RetrievalMethod>>({
@@ -189,17 +188,17 @@ struct ViewRange {
 struct RetrievalOptions {
   RetrievalMethod method = RetrievalMethod::kGlobal;
   int top_k = 10;
-  // kGlobal.
+  // For kGlobal.
   GlobalFeatureFiles global_features = {};
-  // kPose, kOverlap: of the queries, cam_from_world; a query without one has no references.
+  // For kPose and kOverlap: the queries' cam_from_world; a query without one has no references.
   std::map<std::string, Rigid3> prior_poses = {};
-  // kPose: without a range, the nearest references whose optical axes differ by at most this.
+  // For kPose without a range: the nearest references whose optical axes differ by at most this.
   double max_angle_deg = 30;
-  // kPose: with one, those that see most of what the query sees at these distances.
+  // For kPose with a range: the references that see most of what the query sees at these distances.
   std::optional<ViewRange> view_range = std::nullopt;
-  // kOverlap.
+  // For kOverlap.
   std::shared_ptr<const RayCaster> mesh = nullptr;
-  // kCovisibility.
+  // For kCovisibility.
   std::shared_ptr<const Covisibility> covisibility = nullptr;  // null: nothing is known of it
   int threads = 0;
   bool show_progress = false;  // on stderr
@@ -211,28 +210,29 @@ struct HlocFiles {
   std::filesystem::path pairs;
 };
 
-// Queries that may become references by Join(), and how many of them a query may have among its
-// references; none may by default.
+// Queries that may become references by Join(), and how many of them may be among a query's
+// references; none by default.
 struct JoiningQueries {
   std::span<const Query> queries = {};
   int max_joined = 0;
 };
 
-// The matches of a scene's queries by whatever there is: hloc's files, COLMAP's database, a folder
+// Opens the matches of a scene's queries from any source: hloc's files, COLMAP's database, a folder
 // of pairs, or the built-in front end with any kind of retrieval.
 
 struct MatchingOptions {
-  // None: the front end. Where `matches` stand alone, they are all that is needed.
+  // nullopt: the front end. Where `matches` stand alone, no other files are needed.
   std::optional<HlocFiles> hloc = std::nullopt;
   MatchReading reading = {};  // of matches in files
   int top_k = 10;             // references per query
-  // With a number, localized queries may join the references, up to so many among the top_k.
+  // Up to so many localized queries may be among the top_k references; nullopt: none joins them.
   std::optional<int> max_joined = std::nullopt;
 
-  // Of the front end. Its top_k, max_joined and reference images are set from here and the scene.
+  // Options of the front end. Its top_k, max_joined and reference images are set from here and the
+  // scene.
   FrontEndOptions front_end = {};
-  // None: by VLAD. top_k is set from here, and from the scene the covisibility, and the mesh of
-  // `overlap` unless one is given.
+  // nullopt: by VLAD. top_k is set from here, the covisibility from the scene, and so is the mesh
+  // of `overlap` unless one is given.
   std::optional<RetrievalOptions> retrieval = std::nullopt;
 };
 
@@ -240,12 +240,13 @@ struct MatchingOptions {
 // pairs.
 bool StandAlone(const std::filesystem::path& matches);
 
-// Warnings of the retrieval come with those of the source.
+// Opens the matches. Warnings of the retrieval are among those of the source.
 std::unique_ptr<MatchSource> OpenMatches(const Scene& scene, std::span<const Query> queries,
                                          const MatchingOptions& options);
 
-// Makes beforehand what OpenMatches() would: the features of a shard's images and, after the last
-// of them, the vectors for retrieval; nothing where the matches are in files.
+// Does in advance what OpenMatches() would: extracts the features of a shard's images and, after
+// the last of them, computes the vectors for retrieval; does nothing where the matches are in
+// files.
 FeatureCount PrepareMatches(const Scene& scene, std::span<const Query> queries,
                             const MatchingOptions& options, const Shard& shard);
 

@@ -1,4 +1,4 @@
-// Files that a run of localization leaves behind: poses, diagnostics per query, a summary.
+// Writes the files of a run of localization: poses, diagnostics per query, a summary.
 
 #pragma once
 
@@ -14,26 +14,26 @@
 
 namespace raylift {
 
-// `poses.txt`: localized queries in the given order.
+// Writes `poses.txt`: the localized queries in the given order.
 void WritePoses(const std::filesystem::path& path, const std::vector<LocalizedQuery>& queries);
 
-// `queries.jsonl`: one JSON object per query: name, status, reason, verdict, confidence, counts of
-// each stage, solver, scores, iterations, pose, covariance.
+// Writes `queries.jsonl`: one JSON object per query with name, status, reason, verdict, confidence,
+// counts of each stage, solver, scores, iterations, pose, covariance.
 void WriteQueryDiagnostics(const std::filesystem::path& path, std::span<const std::string> lines);
 
-// A line of it, without the line's end.
+// Returns a line of it, without the line's end.
 std::string FormatQueryDiagnostics(const LocalizedQuery& query);
 
-// The queries of such a file, with all that it says of them. Throws InputError naming the line
-// where it is none.
+// Reads the queries of such a file, with all that it says of them. Throws InputError naming the
+// line where it is none.
 std::vector<LocalizedQuery> ReadQueryDiagnostics(const std::filesystem::path& path);
 
-// `depth_alignment.jsonl`: one JSON object per aligned source and reference: how its depth was
-// corrected, on how many matches that rests, how far these were from the projected keypoints before
-// and after.
+// Writes `depth_alignment.jsonl`: one JSON object per aligned source and reference with the
+// correction of its depth, the number of matches that it rests on, and their distances from the
+// projected keypoints before and after.
 void WriteAlignment(const std::filesystem::path& path, std::span<const SceneSource> geometry);
 
-// What rendering again from the estimated poses did (localization/rerender.h).
+// Counts of the refinement by rendering from the estimated poses (localization/rerender.h).
 struct RerenderCounts {
   bool asked = false;
   size_t improved = 0;  // queries
@@ -41,11 +41,11 @@ struct RerenderCounts {
 };
 RerenderCounts CountRerendered(std::span<const LocalizedQuery> queries);
 
-// The queries that are not localized, then the doubtful ones, the least confident first.
+// Returns the queries that are not localized, then the doubtful ones, the least confident first.
 std::vector<const LocalizedQuery*> NotLocalizedOrDoubtful(std::span<const LocalizedQuery> queries);
 
-// `summary.json`: totals, geometry, medians of the stages' counts, what the queries' matches have
-// in common, warnings.
+// Writes `summary.json`: totals, geometry, medians of the stages' counts, noise of the queries'
+// matches, warnings.
 struct GeometrySummary {
   std::string spec, interpretation;
   struct Alignment {
@@ -56,7 +56,7 @@ struct GeometrySummary {
 };
 std::vector<GeometrySummary> SummaryOf(std::span<const SceneSource> geometry);
 
-// How long a run took, in seconds by the clock.
+// The times of a run in seconds of wall clock.
 struct RunTimes {
   double reading = 0;   // what it was given
   double matching = 0;  // features, retrieval and matches, as far as not with each query
@@ -65,13 +65,13 @@ struct RunTimes {
   double writing = 0;  // of this, by all threads: problems, pictures, parts of the page
   double Total() const { return reading + matching + learning + queries; }
 };
-// `timing.jsonl`: one JSON object per query with the milliseconds of each stage, and one of the run
-// that writes it: seconds by the clock, of each stage, and of all threads together. It alone holds
-// times: the other files have the same bytes in every run.
+// Writes `timing.jsonl`: one JSON object per query with the milliseconds of each stage, and one of
+// the run with the seconds of wall clock of each stage and of all threads together. Only this file
+// holds times: the others have the same bytes in every run.
 void WriteTiming(const std::filesystem::path& path, std::span<const LocalizedQuery> queries,
                  const std::optional<RunTimes>& run);
 
-// One line, with what all threads together took for each stage of the queries.
+// Returns one line with the times of the stages, summed over all threads.
 std::string Describe(const RunTimes& times, std::span<const LocalizedQuery> queries);
 
 struct RunSummary {

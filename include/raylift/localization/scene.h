@@ -1,6 +1,6 @@
-// What queries are localized in: references with known poses, and the geometry that their keypoints
-// are lifted by. A scene is opened from a COLMAP model, from a scene file or from a mesh alone, or
-// filled by hand:
+// A scene in which queries are localized: references with known poses, and the geometry that lifts
+// their keypoints. A scene is opened from a COLMAP model, from a scene file or from a mesh alone,
+// or filled by hand:
 //
 //   Scene scene = OpenScene({.model = "sfm", .images = "photos", .geometry = {"mesh:a.ply"}});
 //
@@ -39,13 +39,13 @@ struct RenderedReferenceOptions;
 struct RenderedReferences;
 struct SceneFile;
 
-// The references in use, and the names of those that exist but are thinned out, which a retrieval
-// list may name without being wrong.
+// The references in use, and the names of those that exist but were dropped by subsampling; a
+// retrieval list may name these.
 struct ReferenceSet {
   std::filesystem::path model;  // for messages
   std::vector<PosedImage> images;
   std::vector<std::string> thinned_out;
-  // Where the model is a packed map: what it holds of them; else null.
+  // The packed map that the references are from; else null.
   std::shared_ptr<const PackedMap> map = nullptr;
 };
 
@@ -55,19 +55,19 @@ struct LoadedReferences {
   std::vector<std::string> warnings;
 };
 
-// The images of a COLMAP model whose poses may be in another convention, thinned out. Cameras of
-// equal parameters count as one. InputError where no image is left, or where subsampling per camera
-// drops none as each image has a camera of its own.
+// Reads the images of a COLMAP model whose poses may be in another convention, and subsamples them.
+// Cameras of equal parameters count as one. Throws InputError where no image is left, or where
+// subsampling per camera drops none as each image has a camera of its own.
 LoadedReferences LoadReferences(const std::filesystem::path& model,
                                 const Subsampling& subsampling = {},
                                 PoseConvention poses = PoseConvention::kCamFromWorld);
 
-// The references as queries, to be localized by the others: whatever matches them leaves out the
-// one that has the query's name.
+// Returns the references as queries, to be localized by the others: every matcher leaves out the
+// reference of the query's name.
 std::vector<Query> QueriesOf(const ReferenceSet& references);
 std::map<std::string, Rigid3> PosesOf(const ReferenceSet& references);
 
-// In their order.
+// Return the names in the order of the list.
 std::vector<std::string> NamesOf(std::span<const PosedImage> images);
 std::vector<std::string> NamesOf(std::span<const Query> queries);
 
@@ -76,28 +76,29 @@ struct SceneSource {
   NamedGeometry geometry;
   std::string spec;  // as in the option --geometry; of a source from memory its description
   std::string name;  // what tables call it: the specification, unless someone named it
-  // How its depth was corrected; geometry.source then gives the corrected points, and `as_read` is
-  // the source without.
+  // The correction of its depth; geometry.source then gives the corrected points, and `as_read` is
+  // the uncorrected source.
   std::optional<DepthAlignment> alignment = std::nullopt;
   std::shared_ptr<const GeometrySource> as_read = nullptr;
 };
 
 struct Scene {
   ReferenceSet references;
-  // What the references' poses in the model's files meant; in memory they are cam_from_world.
+  // The convention of the poses in the model's files; in memory they are cam_from_world.
   PoseConvention model_poses = PoseConvention::kCamFromWorld;
   std::filesystem::path images;  // folder of the references' photographs; may be empty
-  // Null: nothing is known of it.
+  // Null: covisibility is not known.
   std::shared_ptr<const Covisibility> covisibility = nullptr;
   std::vector<SceneSource> sources;  // in the order in which they are asked
-  // What was made where the references were rendered; else null.
+  // The rendered references, where references were rendered; else null.
   std::shared_ptr<const RenderedReferences> rendered = nullptr;
-  // What is known beyond the files (scene_calibration.h); null: nothing.
+  // The calibration (scene_calibration.h); null: none.
   std::shared_ptr<const SceneCalibration> calibration = nullptr;
   std::vector<std::string> warnings;  // what the user should know of the files
 
-  // Named by its description. `mesh`: what it lifts from, where that is one, for Mesh(). The kind
-  // matters to the alignment of depth and to checks of the input: SfM points are left alone.
+  // Adds a source, named by its description. `mesh` is the mesh that it lifts from, where it does,
+  // for Mesh(). The kind matters to the alignment of depth and to checks of the input: SfM points
+  // are not aligned.
   void AddGeometry(std::shared_ptr<const GeometrySource> source,
                    std::shared_ptr<const RayCaster> mesh = nullptr,
                    GeometryKind kind = GeometryKind::kMesh);
@@ -105,11 +106,12 @@ struct Scene {
   std::shared_ptr<const RayCaster> Mesh() const;
   // Returns the first mesh or point cloud, for pictures and retrieval; null where there is none.
   std::shared_ptr<const RayCaster> Surface() const;
-  // The sources to lift by.
+  // Returns the sources to lift by.
   std::vector<std::shared_ptr<const GeometrySource>> Geometry() const;
 };
 
-// Sees each source as it is opened and returns the one to use in its place: for counting, caching.
+// Is called with each source as it is opened and returns the one to use in its place: for counting,
+// caching.
 using WrapSource = std::function<std::shared_ptr<const GeometrySource>(
     std::shared_ptr<const GeometrySource> source)>;
 
@@ -124,20 +126,21 @@ struct SceneOptions {
   int threads = 0;  // to read meshes; 0: all
 };
 
-// OptionError for a specification of geometry that is none, InputError where a file cannot be read.
+// Opens a scene. Throws OptionError for a geometry's specification that is wrong, InputError where
+// a file cannot be read.
 Scene OpenScene(const SceneOptions& options);
 
-// Returns what a scene file says of the references and the geometry: its first one, or those named.
-// Throws InputError where there is none of a name.
+// Returns the references and the geometry that a scene file names: its first geometry, or those of
+// these names. Throws InputError where there is none of a name.
 SceneOptions SceneOptionsOf(const SceneFile& file, std::span<const std::string> geometries = {});
 
-// A scene whose references are rendered from its one geometry, a mesh. What `rendered.out` holds
-// from before is used again.
+// Opens a scene whose references are rendered from its one geometry, a mesh. References that
+// `rendered.out` holds from before are used again.
 Scene OpenMeshScene(const std::string& mesh_spec, const Subsampling& subsampling,
                     const RenderedReferenceOptions& rendered, const RenderHooks& hooks);
 
-// Opens a specification of geometry for the scene's references; what is said of it goes to the
-// scene's warnings.
+// Opens a specification of geometry for the scene's references; warnings go to the scene's
+// warnings.
 void OpenGeometry(Scene& scene, const std::string& spec, const SceneOptions& options = {});
 
 }  // namespace raylift

@@ -1,7 +1,7 @@
-// The geometry that many views see, as one mesh: a mean of truncated signed distances (Curless and
-// Levoy 1996) on a sparse grid. Each view adds, at the grid's points about the surface that it
-// sees, how far they are before it or behind it, weighed by how sure that is; and what it looks
-// through is free, whatever other views put there. The surface is where the mean is zero.
+// Fuses the geometry that many views see into one mesh: the zero of a weighted mean of truncated
+// signed distances (Curless and Levoy 1996) on a sparse grid. Each view adds, at the grid's points
+// about the surface that it sees, their signed distances from it, weighted by their precision;
+// space that a view looks through is free, whatever other views put there.
 //
 // The distance of a point is that from the plane that its pixel shows, not along the pixel's ray,
 // which is longer wherever the surface is slanted: walls that are seen from several sides then keep
@@ -23,26 +23,27 @@
 namespace raylift {
 
 struct FusionOptions {
-  // The distance between points of the grid, in scene units; nullopt: two pixels on the
-  // surface (median), or how far the views disagree where that is more.
+  // The spacing of the grid, in scene units; nullopt: twice the median width of a pixel on the
+  // surface, or the noise of the views where that is more.
   std::optional<double> voxel = std::nullopt;
-  // Distances are cut off there; nullopt: 4 voxels, or 3 times what the views disagree by.
+  // Distances are truncated here, in scene units; nullopt: 4 voxels, or 3 times the noise of the
+  // views.
   std::optional<double> truncation = std::nullopt;
-  // Pieces of less surface than a square of so many voxels' side are left out, as what a few wrong
-  // pixels make.
+  // Pieces of less area than a square of so many voxels' side are left out: a few wrong pixels make
+  // such pieces.
   double min_piece_voxels = 10;
-  // The grid's memory; more is an OptionError that names a voxel that fits.
+  // The most memory for the grid; where more is needed an OptionError names a voxel that fits.
   size_t max_bytes = size_t{4} << 30;
   int threads = 0;
   std::function<void()> on_view = {};  // after each of twice as many as there are, from any thread
 };
 
-// What the views say of the scale of things.
+// The resolution and the noise of the views' depth.
 struct ViewScale {
   double pixel_width = 0;     // median, on the surface, scene units
   double relative_noise = 0;  // standard deviation of depth as a share of it, by other views
   double noise = 0;           // the same in scene units, at the median depth
-  // The part of the noise in which neighboring pixels differ, as a share of the depth.
+  // The standard deviation of depth between neighboring pixels, as a share of it.
   double relative_roughness = 0;
   size_t num_comparisons = 0;  // that tell the noise; 0: it is not known
 };
@@ -57,7 +58,7 @@ struct FusedMesh {
 
 // Returns whether the library was built with OpenVDB, without which it cannot fuse.
 bool CanFuse();
-// Throws OptionError, which says what to install, where it cannot.
+// Throws OptionError, which says what to install, where it was not.
 void RequireFusion();
 
 // Returns the references as views at the size at which their geometry has values of its own: that
@@ -66,8 +67,8 @@ void RequireFusion();
 std::vector<PosedImage> ViewsToFuse(const NamedGeometry& geometry,
                                     std::span<const PosedImage> references, int max_side_px);
 
-// Looks at the source through all pixels of the views. The same for any number of threads. Throws
-// InputError where no view sees anything.
+// Lifts all pixels of the views and fuses them. The result does not depend on the number of
+// threads. Throws InputError where no view sees anything.
 FusedMesh FuseViews(const GeometrySource& source, std::span<const PosedImage> views,
                     const FusionOptions& options = {});
 

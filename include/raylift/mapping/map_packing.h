@@ -1,13 +1,13 @@
-// A scene in one file, to be given to those who localize in it: references with their poses, depth
-// in 16 bits of its logarithm, features, what references are retrieved by, and what is known of the
-// scene. Wherever a scene file is taken, such a map is, too.
+// Packs a scene into one file, a map for those who localize in it: references with their poses,
+// depth as 16 bits of its logarithm, features, the vectors for retrieval, and the scene's
+// calibration. A map may stand wherever a scene file may.
 //
 //   PackMap("town.raymap", {scene.references.images, depth_of, features_of}, {});
 //   Scene scene = OpenScene(SceneOptionsOf(ReadSceneFile("town.raymap")));
 //
-// What references are retrieved by depends on all of them and is made anew by each call, from the
+// The vectors for retrieval depend on all references and are computed anew by each call, from the
 // features as they are packed. All else stays as it is: a map that grew and a map that was made at
-// once of the same references, with the same options, are equal by bytes.
+// once from the same references, with the same options, have the same bytes.
 
 #pragma once
 
@@ -35,10 +35,10 @@ struct ReferencesToPack {
 
 struct MapOptions {
   DescriptorPrecision descriptors = DescriptorPrecision::kBytes;
-  // What the features are; those of the built-in front end are "rootsift".
+  // The kind of the features; those of the built-in front end are "rootsift".
   std::string features = "rootsift";
   uint64_t seed = 0;  // of the vocabulary that references are retrieved by, at most 2^53
-  // What a specification of this depth says beside its path, as ",first_sample_px=0,near=0.1".
+  // Keys of the depth's specification, beside its path, as ",first_sample_px=0,near=0.1".
   std::string depth_keys = {};
   std::string crs = {};          // what the world's coordinates are, as --crs takes it
   std::string calibration = {};  // JSON of the scene's calibration (FormatSceneCalibration)
@@ -49,17 +49,18 @@ struct PackingHooks {
   std::function<void()> on_reference = nullptr;  // is packed; from several threads
 };
 
-// Writes a map. Throws InputError where a name stands twice or cannot stand in a list, or a depth map
-// has a side of more than 16383 pixels.
+// Writes a map. Throws InputError where a name stands twice or cannot stand in a list, or a depth
+// map has a side of more than 16383 pixels.
 void PackMap(const std::filesystem::path& file, const ReferencesToPack& references,
              const MapOptions& options, const PackingHooks& hooks = {});
 
-// Adds the references that the map has not yet and returns how many these are; descriptors are kept
-// as its others are. A calibration, if there is one, takes the former one's place.
+// Adds the references that the map does not hold yet and returns their number; descriptors are kept
+// in the map's precision. A calibration, if given, replaces the former one.
 size_t AddToMap(const std::filesystem::path& file, const ReferencesToPack& references,
                 const std::string& calibration = {}, const PackingHooks& hooks = {});
 
-// Throws InputError where the map has no reference of a name, or would have none left.
+// Removes references. Throws InputError where the map has no reference of a name, or would have
+// none left.
 void RemoveFromMap(const std::filesystem::path& file, std::span<const std::string> names,
                    const PackingHooks& hooks = {});
 

@@ -1,5 +1,5 @@
-// Everything that a camera sees of a scene, in one pass over its pixels: depth, normals, color,
-// which triangle, how obliquely.
+// Renders all that a camera sees of a scene in one pass over its pixels: depth, normals, color,
+// triangles, angles of incidence.
 
 #pragma once
 
@@ -41,7 +41,7 @@ inline constexpr auto kEnumNames<ColorOptions::Shading> =
     });
 
 struct FrameOptions {
-  // The maps of a Frame that are made.
+  // The maps of a Frame that are rendered.
   bool depth = false;
   bool distance = false;
   bool points = false;
@@ -51,8 +51,8 @@ struct FrameOptions {
   bool incidence = false;
   bool mask = false;
 
-  // Points of the world are given from the camera's center on, which Frame::points_origin has: far
-  // from the world's origin floats hold these alone.
+  // Points are relative to the camera's center, which is then Frame::points_origin: far from the
+  // world's origin float has too few digits for world coordinates.
   bool points_from_center = false;
 
   enum class NormalsIn { kWorld, kCamera };
@@ -68,7 +68,7 @@ inline constexpr auto kEnumNames<FrameOptions::NormalsIn> =
         {FrameOptions::NormalsIn::kCamera, "camera"},
     });
 
-// Row-major maps of one picture; empty where they were not asked for.
+// Row-major maps of one picture; maps that were not asked for are empty.
 struct Frame {
   int width_px = 0;
   int height_px = 0;
@@ -76,7 +76,7 @@ struct Frame {
   std::vector<float> depth;     // z along the optical axis (a panorama: the distance); 0 = none
   std::vector<float> distance;  // along the ray; 0 = none
   std::vector<float> points;    // x, y, z per pixel; NaN = none
-  // Is to be added to the points.
+  // The origin to be added to the points, world frame.
   Eigen::Vector3d points_origin = Eigen::Vector3d::Zero();
   // x, y, z per pixel: the triangle's unit normal on the side that the camera sees; 0 = none.
   std::vector<float> normals;
@@ -93,10 +93,10 @@ class FrameRenderer {
   FrameRenderer(FrameRenderer&&) noexcept;
   FrameRenderer& operator=(FrameRenderer&&) noexcept;
 
-  // Fills `frame`, whose memory is used again. Depth and distance are within 1e-5 of the mesh's as
-  // it stands in float, at any incidence. Points that are behind the image plane (lenses of more
-  // than 180 degrees) have a distance but a depth of 0. The same bytes for any number of threads,
-  // and whatever else is asked for. Thread safe.
+  // Renders into `frame`, whose memory is reused. Depth and distance are within 1e-5 of those of
+  // the mesh as stored in float, at any incidence. Points behind the image plane (lenses of more
+  // than 180 degrees) have a distance but a depth of 0. The bytes are the same for any number of
+  // threads, and whatever other maps are asked for. Thread safe.
   void Render(const PixelRays& rays, const Rigid3& cam_from_world, int threads, Frame& frame) const;
 
  private:
@@ -107,16 +107,17 @@ class FrameRenderer {
 // The background of pictures that people look at.
 inline constexpr std::array<uint8_t, 3> kPictureBackground = {222, 226, 232};
 
-// Returns how a surface is shown to people: by a headlight where it has no color of its own.
+// Returns the colors in which a surface is shown to people: lit by a headlight where it has no
+// color of its own.
 ColorOptions PictureColors(const RayCaster& caster);
 
 // Short forms for one picture at a time.
 
-// z-depth at every pixel center. Same bytes for any number of threads.
+// Renders the z-depth at every pixel center. The bytes are the same for any number of threads.
 DepthMap RenderDepth(const RayCaster& caster, const Camera& camera, const Rigid3& cam_from_world,
                      int threads);
 
-// RGB from texture (bilinear), else vertex colors, else `untextured_rgb`.
+// Renders RGB from texture (bilinear), else vertex colors, else `untextured_rgb`.
 Image RenderColor(const RayCaster& caster, const Camera& camera, const Rigid3& cam_from_world,
                   const ColorOptions& options, int threads);
 

@@ -1,6 +1,6 @@
-// Casting rays at a mesh, at the discs of a point cloud or at Gaussian splats, on Embree 3 (from
-// 3.12 on) or 4. All coordinates are the world's, in double; the recentring that float needs
-// happens inside.
+// Casts rays at a mesh, at the discs of a point cloud or at Gaussian splats, with Embree 3 (from
+// 3.12 on) or 4. All coordinates are the world's, in double; the recentering that float needs is
+// done inside.
 
 #pragma once
 
@@ -38,7 +38,7 @@ struct RayHit {
   double sigma = 0;             // of a surface of discs or splats, along its normal
 };
 
-// All that a ray sees of splats.
+// The look of a ray at splats: hit, color and transmittance.
 struct SplatLook {
   std::optional<RayHit> hit;  // of the Gaussian with the largest weight
   Eigen::Vector3f color_rgb = Eigen::Vector3f::Zero();
@@ -60,7 +60,7 @@ struct RayCasterOptions {
   };
   BuildQuality build_quality = BuildQuality::kMedium;
 
-  // Called from any thread, one call at a time, with the share of the build that is done.
+  // Is called from any thread, one call at a time, with the share of the build that is done.
   std::function<void(double)> on_build_progress = {};
 };
 template <>
@@ -86,7 +86,7 @@ struct alignas(64) HitBlock {
   std::array<float, RayBlock::kSize> ray_t;        // in lengths of the ray's direction; 0: no hit
   std::array<uint32_t, RayBlock::kSize> triangle;  // kNoTriangle where nothing is hit
   // Bit i: ray i grazes its triangle, so that the rounding of its direction moves the hit by more
-  // than a few 1e-6 of its distance; RefineHit with the direction in double is the remedy.
+  // than a few 1e-6 of its distance; RefineHit() with the direction in double corrects it.
   uint32_t grazing;
 };
 
@@ -94,7 +94,8 @@ class RayCaster {
  public:
   // Builds the acceleration structure (in robust mode: no ray slips between adjacent triangles).
   // The mesh is shared, not copied (but for its vertices, where their vector has no room for one
-  // more, which Embree wants to be readable). std::runtime_error with Embree's text where it fails.
+  // more, which Embree wants to be readable). Throws std::runtime_error with Embree's text where it
+  // fails.
   explicit RayCaster(std::shared_ptr<const TriangleMesh> mesh,
                      const RayCasterOptions& options = {});
   // Casts rays at surfels. Where a ray passes through several discs that are one surface within
@@ -102,22 +103,22 @@ class RayCaster {
   // precision; the hit is that of the disc whose center is the closest to it. The surfels are
   // shared as the mesh is.
   explicit RayCaster(std::shared_ptr<const Surfels> surfels, const RayCasterOptions& options = {});
-  // Casts rays at splats, as splats.h says; their surface is at `depth`, with a normal that is the
-  // mean of the Gaussians' shortest axes, turned against the ray, and the spread of their t as its
-  // sigma.
+  // Casts rays at splats by the equations of splats.h. Their surface is at `depth`; its normal is
+  // the mean of the Gaussians' shortest axes, turned against the ray, and its sigma is the spread
+  // of their t.
   RayCaster(std::shared_ptr<const Splats> splats, SplatDepth depth,
             const RayCasterOptions& options = {});
   ~RayCaster();
   RayCaster(RayCaster&&) noexcept;
   RayCaster& operator=(RayCaster&&) noexcept;
 
-  // Empty where the rays are cast at surfels or splats.
+  // Returns the mesh; an empty one where the rays are cast at surfels or splats.
   const TriangleMesh& mesh() const;
   const Surfels* surfels() const;  // null where they are cast at something else
   const Splats* splats() const;    // the same
   SplatDepth splat_depth() const;
   SurfaceKind kind() const;
-  // Returns whether hits have a sigma: at surfels and splats, which have no coarse hits to refine.
+  // Returns whether hits have a sigma: at surfels and splats, whose hits need no refinement.
   bool HitsHaveSigma() const;
   // Returns whether the surface has colors of its own.
   bool HasColors() const;
@@ -127,14 +128,14 @@ class RayCaster {
   // in double against the triangle's plane. Thread safe.
   std::vector<std::optional<RayHit>> Cast(std::span<const Ray> rays) const;
 
-  // As Cast for rays from one point, several times faster where the rays of a block run close
-  // together. The coherent packets and Cast may differ by the rounding of float, and at
+  // Casts rays from one point, several times faster than Cast() where the rays of a block run close
+  // together. The results may differ from those of Cast() by the rounding of float, and at
   // silhouettes. hits.size() == rays.size(). Returns how many rays hit something. Thread safe.
   size_t CastBlocks(const Eigen::Vector3d& origin_in_world, std::span<const RayBlock> rays,
                     std::span<HitBlock> hits) const;
 
-  // The hit of a ray that is known to hit `triangle` at about `coarse_t` (in units of the
-  // direction's length), in double. At surfels and splats the ray is cast anew.
+  // Returns, in double, the hit of a ray that is known to hit `triangle` at about `coarse_t` (in
+  // units of the direction's length). At surfels and splats the ray is cast anew.
   RayHit RefineHit(const Eigen::Vector3d& origin_in_world,
                    const Eigen::Vector3d& direction_in_world, uint32_t triangle,
                    double coarse_t) const;
@@ -142,8 +143,8 @@ class RayCaster {
   // Returns whether anything lies on the ray beyond its ray_t_near. Thread safe.
   bool IsOccluded(const Ray& ray) const;
 
-  // Sets what each ray sees of splats. `colors_rgb` has one for each Gaussian as it looks from the
-  // rays' origin (SplatColors), or is empty. looks.size() == rays.size(). Thread safe.
+  // Computes what each ray sees of splats. `colors_rgb` has one color for each Gaussian as seen
+  // from the rays' origin (SplatColors), or is empty. looks.size() == rays.size(). Thread safe.
   void LookAtSplats(std::span<const Ray> rays, std::span<const Eigen::Vector3f> colors_rgb,
                     std::span<SplatLook> looks) const;
 
@@ -155,7 +156,7 @@ class RayCaster {
   std::unique_ptr<Impl> impl_;
 };
 
-// Hashes all that can be seen of the surface. The same for any number of threads.
+// Hashes all that can be seen of the surface. The result does not depend on the number of threads.
 uint64_t SurfaceHash(const RayCaster& scene, int threads);
 
 }  // namespace raylift

@@ -1,5 +1,5 @@
-// The pages of the commands that look at geometry without localizing: what `raylift render` has
-// rendered, and what `raylift doctor` makes of an input.
+// Makes the pages of the commands that look at geometry without localizing: the images of `raylift
+// render`, and the diagnosis of `raylift doctor`.
 
 #pragma once
 
@@ -35,8 +35,8 @@ struct RenderReport {
   int threads = 0;
 };
 
-// Every image in a table, some of them (evenly spread) as small pictures of color and depth, and
-// scene and cameras in 3D.
+// Returns a page with every image in a table, some of them (evenly spread) as small pictures of
+// color and depth, and scene and cameras in 3D.
 std::string FormatRenderReport(const RenderReport& report);
 
 struct DoctorReport {
@@ -50,8 +50,8 @@ struct DoctorReport {
   int threads = 0;
 };
 
-// The verdict and what repairs the input, the readings that were tried, photographs beside the
-// depth as it is read, and the lifted points with the references in 3D.
+// Returns a page with the verdict and the repair of the input, the readings that were tried,
+// photographs beside the depth as it is read, and the lifted points with the references in 3D.
 std::string FormatDoctorReport(const DoctorReport& report);
 
 }  // namespace raylift

@@ -1,6 +1,6 @@
-// The page of `raylift localize`: every query with its verdict, what its stages left, and its
-// photograph over the mesh as seen from the pose, with edges, matches and residuals; and the poses
-// among the references and the mesh in 3D.
+// Makes the page of `raylift localize`: every query with its verdict, the counts of its stages, and
+// its photograph over the mesh as seen from the pose, with edges, matches and residuals; and the
+// poses among the references and the mesh in 3D.
 
 #pragma once
 
@@ -22,17 +22,17 @@ namespace raylift {
 
 struct LocalizationReportOptions {
   size_t num_queries = 0;
-  // May be empty: then no photographs are shown.
+  // May be empty: no photographs are shown then.
   std::filesystem::path query_images = {}, reference_images = {};
   std::shared_ptr<const RayCaster> mesh = nullptr;  // null: no pictures of it
-  // Pictures and matches of more queries are in files of their own, which the page loads as they
-  // are looked at.
+  // Where there are more queries, pictures and matches are in files of their own, which the page
+  // loads as they are looked at.
   size_t max_in_page = 50;
   PosesByName ground_truth = {};      // where it is known: errors stand beside what is expected
   std::filesystem::path folder = {};  // of the page
 };
 
-// What a walk made of the queries, in their order.
+// The results of walks, by the order of the queries.
 struct ReportedWalk {
   const WalkedQueries& walked;
   std::span<const Query> queries;
@@ -44,13 +44,13 @@ class LocalizationReport {
   ~LocalizationReport();
 
   // Writes a query's part of the page to a file in its folder, which needs no other part: queries
-  // may be taken in any order, from any thread and by several processes. OutputError where a file
-  // cannot be written.
+  // may be taken in any order, from any thread and by several processes. Throws OutputError where a
+  // file cannot be written.
   void Take(size_t index, const QueryResult& result);
 
-  // Makes the page of all parts. `warnings`: of the run. Poses and verdicts are those of the walk
-  // where there is one, beside those of the single photographs. Throws InputError where a part is
-  // missing.
+  // Makes the page of all parts. `warnings` are those of the run. Where there is a walk, poses and
+  // verdicts are those of the walk, beside those of the single photographs. Throws InputError where
+  // a part is missing.
   std::string Format(std::string_view title, std::span<const PosedImage> references,
                      std::span<const std::string> warnings,
                      const std::optional<ReportedWalk>& walk = std::nullopt) const;

@@ -23,7 +23,7 @@ struct Features {
   float uncertainty_px = 1.0f;
 };
 
-// How precisely descriptors are kept where room is short.
+// The precision in which descriptors are kept where space is short.
 enum class DescriptorPrecision { kExact, kBytes, kCompact };
 template <>
 inline constexpr auto kEnumNames<DescriptorPrecision> =
@@ -47,7 +47,7 @@ struct RetrievedReference {
   bool operator==(const RetrievedReference&) const = default;
 };
 
-// Each query's references, best first, the lower index first among equals.
+// The references of each query, best first, the lower index first among equals.
 using RetrievedLists = std::vector<std::vector<RetrievedReference>>;
 
 }  // namespace raylift

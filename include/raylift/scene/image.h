@@ -50,8 +50,8 @@ inline Image ToGray(const Image& image) {
   return gray;
 }
 
-// z along the optical axis (never the length of the ray, but in a panorama, which has no axis),
-// row-major, in scene units; 0 = no surface.
+// z along the optical axis (in a panorama, which has no axis, the distance), row-major, in scene
+// units; 0 = no surface.
 struct DepthMap {
   int width_px = 0;
   int height_px = 0;
@@ -60,7 +60,7 @@ struct DepthMap {
   float At(int x, int y) const { return z[static_cast<size_t>(y) * width_px + x]; }
 };
 
-// Returns the nearest of 0 .. 255, halves upwards; 0 for NaN.
+// Returns the nearest integer in 0 .. 255, halves upwards; 0 for NaN.
 template <std::floating_point T>
 uint8_t NearestByte(T value) {
   if (!(value > 0)) return 0;

@@ -1,5 +1,5 @@
-// Keypoints of the query, by which matches are grouped. A keypoint that is matched with several
-// references has one error in all of its matches, and they show one point of the scene.
+// Groups matches by the keypoint of the query. A keypoint that is matched with several references
+// has one error in all of its matches, and they show one point of the scene.
 //
 // Matches that are read or made from features carry the keypoint's index. Matches that carry none,
 // as a caller may fill them in, are of one keypoint where their query pixels are equal: that is
@@ -22,15 +22,14 @@
 
 namespace raylift {
 
-// Indices of keypoints are from 0 to this one; whatever numbers keypoints throws InputError for
-// others.
+// Indices of keypoints are at most this; readers throw InputError for larger and for negative ones.
 inline constexpr int kLargestKeypoint = 1'000'000'000;
 
 // The keypoints of one image by their pixels.
 class KeypointsByPixel {
  public:
-  // The keypoint at this pixel; where there is none yet, `index` becomes it. A pixel
-  // that is not finite holds no keypoint.
+  // Returns the keypoint at this pixel; where there is none yet, `index` becomes it. A pixel that
+  // is not finite holds no keypoint.
   int FindOrAdd(const Eigen::Vector2d& pixel, int index);
   std::optional<int> Find(const Eigen::Vector2d& pixel) const;
 
@@ -55,17 +54,17 @@ struct KeypointNumbers {
   std::vector<size_t> of_2d3d;
   size_t count = 0;
 };
-// Equal indices of one camera are one keypoint wherever its pixels are. A match without an index is
-// of the first keypoint at its pixel that has one, or else of that of the other matches without at
-// this pixel.
+// Numbers the keypoints. Equal indices of one camera are one keypoint wherever its pixels are. A
+// match without an index belongs to the first keypoint at its pixel that has one, else all matches
+// without one at this pixel are one keypoint.
 KeypointNumbers NumberQueryKeypoints(std::span<const Match2D2D> matches_2d2d,
                                      std::span<const Match2D3D> matches_2d3d);
 
-// The indices of each keypoint's matches, in their order, from the numbers of the matches.
+// Returns the indices of each keypoint's matches, in their order, from the numbers of the matches.
 std::vector<std::vector<size_t>> GroupByKeypoint(std::span<const size_t> numbers, size_t count);
 
-// Gives an index, by the same rule, to the matches that have none; indices of new keypoints follow
-// the highest that there is.
+// Gives an index to the matches that have none, by the same rule; indices of new keypoints follow
+// the highest one in use.
 void AssignKeypointsByPixel(PoseProblem& problem);
 
 }  // namespace raylift

@@ -1,4 +1,5 @@
-// Photographs whose poses are known, are to be taken or are looked for.
+// Photographs: references, whose poses are known, queries, whose poses are looked for, and what is
+// known of these beforehand.
 
 #pragma once
 
@@ -17,21 +18,21 @@
 
 namespace raylift {
 
-// A reference photograph, or a picture to be taken of a scene: its name, its camera and where it is.
+// A reference photograph, or a picture that is to be rendered: its name, camera and pose.
 struct PosedImage {
   std::string name;  // as in the model: a path relative to the image folder
   Camera camera;
   Rigid3 cam_from_world;
 
-  // Whether it would show the point if nothing were in between.
+  // Returns whether the image would show the point if nothing occluded it.
   bool Sees(const Eigen::Vector3d& point_in_world) const;
 };
 
-// What a photograph says of the camera that took it, as far as it says something.
+// The camera that took a photograph, as far as the photograph's tags tell it.
 struct LensTags {
   std::optional<double> film_mm;  // the focal length on film of 36 mm x 24 mm
-  // What drones write: fx, fy, the principal point from the picture's middle, then k1, k2, p1, p2
-  // and k3 as OpenCV has them; pixels of the picture as it was taken.
+  // As drones write it: fx, fy, the principal point from the picture's middle, then k1, k2, p1, p2
+  // and k3 as in OpenCV; pixels of the picture as it was taken.
   std::optional<std::array<double, 9>> calibration;
   std::optional<double> taken_width_px;
 };
@@ -48,8 +49,8 @@ struct GravityPrior {
   double sigma_deg = 1;  // standard deviation of the angle about each axis across; 0: exact
 };
 
-// Which way the camera looks on the map: right in its image is a horizontal direction of the world.
-// It says nothing of cameras that are rolled by so much that their right points up or down.
+// The heading of the camera on the map: right in its image is a horizontal direction of the world.
+// It does not apply to cameras that are rolled by so much that their right points up or down.
 struct HeadingPrior {
   Eigen::Vector3d right_in_cam = Eigen::Vector3d::UnitX();  // any length but 0
   Eigen::Vector3d right_in_world;                           // any length but 0
@@ -67,7 +68,7 @@ struct RangePrior {
   double range = 0;  // scene units, positive
   double sigma = 0;  // its standard deviation; 0: exact
   // The surface's plane there, in the world. Localizer finds it where a first estimate looks;
-  // without one the range says nothing.
+  // without it the range is not used.
   struct Plane {
     Eigen::Vector3d point;
     Eigen::Vector3d normal;  // any length but 0
@@ -77,27 +78,28 @@ struct RangePrior {
 };
 
 inline constexpr double kMaxFocalRange = 10;
-// Focal lengths that are less certain are looked for, see PosePriors::focal_range.
+// The largest focal_sigma. Focal lengths that are less certain are estimated, see
+// PosePriors::focal_range.
 inline constexpr double kMaxFocalSigma = 0.3;
 
 // The prior knowledge of a query's pose: a position from GNSS, the direction of gravity from an
-// accelerometer, the heading from a compass, or all of the orientation; the range to what is in the
-// middle; and what is not known of its camera.
+// accelerometer, the heading from a compass, or the whole orientation; the range to the surface in
+// the middle; and the uncertainty of its focal length.
 struct PosePriors {
   std::optional<PositionPrior> position = std::nullopt;
   std::optional<GravityPrior> gravity = std::nullopt;
   std::optional<HeadingPrior> heading = std::nullopt;
   std::optional<OrientationPrior> orientation = std::nullopt;
   std::optional<RangePrior> range = std::nullopt;
-  // The focal length is the given camera's up to this factor either way, of 1 (it is known) to
+  // The focal length is within this factor of the given camera's, from 1 (it is known) to
   // kMaxFocalRange. Where an estimator is asked to refine it, too, the wider range counts.
   double focal_range = 1;
-  // The standard deviation of the given focal length as a share of it, from 0 (it is exact) to
-  // kMaxFocalSigma, where it is not looked for: then the pose takes it into account. nullopt where
-  // nothing is known of it, which counts as exact.
+  // The standard deviation of the given focal length as a share of it, from 0 (exact) to
+  // kMaxFocalSigma, where it is not estimated: the pose's covariance then includes it. nullopt
+  // where it is not known, which counts as exact.
   std::optional<double> focal_sigma = std::nullopt;
 
-  // Nothing is known of the pose, and the focal length is not to be looked for.
+  // Returns whether nothing is known of the pose, and the focal length is not to be estimated.
   bool empty() const {
     return !position && !gravity && !heading && !orientation && !range && focal_range == 1;
   }
@@ -111,7 +113,7 @@ struct RigMount {
   Rigid3 cam_from_rig;
 };
 
-// A photograph whose pose is looked for.
+// A photograph whose pose is to be estimated.
 struct Query {
   std::string name;
   Camera camera;
@@ -119,19 +121,20 @@ struct Query {
   std::optional<RigMount> rig = std::nullopt;
 };
 
-// Sparser references: every N-th image of a scene by name, to see what fewer of them cost.
+// Subsampling of the references: every N-th image of a scene by name, to measure what fewer
+// references cost.
 struct Subsampling {
   int every = 1;   // at least 1; 1 keeps all
   int offset = 0;  // of the first that is kept, from 0 to every - 1
-  // Every N-th image of each camera rather than of all: where the cameras of a rig take turns, an
-  // even N would keep those of one camera alone.
+  // Takes every N-th image of each camera rather than of all: where the cameras of a rig take
+  // turns, an even N would keep those of one camera alone.
   bool per_camera = false;
 
   bool KeepsAll() const { return every == 1; }
 };
 
-// The indices of the images that are kept, in order. `cameras` says which camera took each image,
-// the images being sorted by name.
+// Returns the indices of the images that are kept, in order. `cameras` names the camera that took
+// each image; the images are sorted by name.
 std::vector<size_t> KeptIndices(std::span<const std::string> cameras,
                                 const Subsampling& subsampling);
 

@@ -1,5 +1,5 @@
-// All that an estimator sees of one query: the seam between lifting and estimation. It holds no
-// ground truth, so no estimator can peek. On disk it is the JSON format pose-problem/2 (io).
+// The input of a pose estimator for one query, between lifting and estimation. It holds no ground
+// truth, so no estimator can use it. On disk it is the JSON format pose-problem/2 (io).
 
 #pragma once
 
@@ -15,17 +15,17 @@
 
 namespace raylift {
 
-// A query pixel that shows the same thing as a reference pixel.
+// A query pixel and a reference pixel that show the same point.
 struct Match2D2D {
   int reference = 0;  // index into PoseProblem::references
   Eigen::Vector2d query_px;
   Eigen::Vector2d reference_px;
   // Standard deviation (isotropic) of the reference pixel beyond a keypoint's own noise, where the
-  // reference's pose is uncertain: by so much the pose may show the same point elsewhere.
+  // reference's pose is uncertain: that of the point's projection by the uncertain pose.
   std::optional<double> reference_sigma_px = std::nullopt;
   // The keypoint's index in the query and in the reference's image: matches of one keypoint have
-  // equal indices. With matches from features these are the features' own. nullopt: not known, and
-  // then equal pixels are one keypoint (keypoints.h).
+  // equal indices. With matches from features these are the features' own. nullopt: not known;
+  // equal pixels are one keypoint then (keypoints.h).
   std::optional<int> query_keypoint = std::nullopt;
   std::optional<int> reference_keypoint = std::nullopt;
   int camera = 0;  // index into the query's cameras: PoseProblem::CameraAt()
@@ -35,15 +35,16 @@ struct Match2D2D {
 struct Match2D3D {
   Eigen::Vector2d query_px;
   Eigen::Vector3d point_in_world;
-  // The reference it was lifted from, where it was from one.
+  // The reference that it was lifted from; nullopt where there is none.
   std::optional<int> reference = std::nullopt;
   // Standard deviation of the point in scene units (isotropic), where the geometry source knows it.
   std::optional<double> point_sigma = std::nullopt;
   std::optional<int> query_keypoint = std::nullopt;  // as in Match2D2D
-  // The 2D-2D match it was lifted from, where it was: an index into PoseProblem::matches_2d2d.
+  // The 2D-2D match that it was lifted from, an index into PoseProblem::matches_2d2d; nullopt where
+  // there is none.
   std::optional<size_t> match_2d2d = std::nullopt;
   int camera = 0;  // as in Match2D2D
-  // Standard deviation of ln(distance) along the reference's ray, where it was learned.
+  // Standard deviation of ln(distance) along the reference's ray; nullopt where it was not learned.
   std::optional<double> log_depth_sigma = std::nullopt;
 };
 
@@ -55,13 +56,13 @@ struct RigCamera {
   Rigid3 cam_from_query;
 };
 
-// How far the references err as wholes, by standard deviations, 0 being exact; nullopt where it is
-// not known, and found where they disagree.
+// Standard deviations of the errors that all matches with a reference share, 0 being exact; nullopt
+// where not known: estimated then, where references disagree.
 struct ReferenceSigmas {
-  // Of the factor, as a share, that all depths of a reference are wrong by: those of a single image
-  // know their scale by some 10 %.
+  // Sigma of the common factor of a reference's depths, as a share: single-image depth has a scale
+  // known to some 10 %.
   std::optional<double> factor = std::nullopt;
-  // Of a reference's pose, about and along each axis.
+  // Sigmas of a reference's pose, about and along each axis.
   std::optional<double> rotation_deg = std::nullopt;
   std::optional<double> position = std::nullopt;  // scene units
 };
@@ -78,7 +79,7 @@ struct PoseProblem {
   PosePriors priors;
   ReferenceSigmas reference_sigmas = {};
 
-  // The query's own camera is 0, the others follow.
+  // Counts the cameras: the query's own camera is 0, the others follow.
   int num_cameras() const { return 1 + static_cast<int>(other_cameras.size()); }
   bool HasCamera(int index) const { return index >= 0 && index < num_cameras(); }
   const Camera& CameraAt(int index) const {

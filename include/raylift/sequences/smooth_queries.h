@@ -1,6 +1,6 @@
-// The results of single photographs and the odometry of their walk become one trajectory: poses
-// are smoothed, photographs without a pose get the one that the walk tells, poses that contradict
-// it are replaced.
+// Makes one trajectory of the results of single photographs and the odometry of their walk: poses
+// are smoothed, photographs without a pose get one from the walk, and poses that contradict it are
+// replaced.
 
 #pragma once
 
@@ -21,14 +21,14 @@
 
 namespace raylift {
 
-// The distance from a camera to what it sees: that of the scene's points, which some pixels of the
-// references show.
+// Estimates the distance from a camera to what it sees from the scene's points at some pixels of
+// the references.
 class SceneDistances {
  public:
   explicit SceneDistances(const Scene& scene, int threads = 0);
 
-  // The median over what the nearest references see of the camera's field of view; nullopt where
-  // that is nothing.
+  // Returns the median over the points of the nearest references in the camera's field of view;
+  // nullopt where there is none.
   std::optional<double> At(const Camera& camera, const Rigid3& cam_from_world) const;
 
  private:
@@ -39,7 +39,7 @@ class SceneDistances {
   std::vector<Seen> seen_;
 };
 
-// What the walk did with a photograph.
+// The walk's effect on a photograph's pose.
 enum class WalkRole { kAlone, kSmoothed, kReplaced, kRescued, kDropped };
 template <>
 inline constexpr auto kEnumNames<WalkRole> = std::to_array<EnumName<WalkRole>>({
@@ -55,16 +55,16 @@ struct WalkedQuery {
   WalkRole role = WalkRole::kAlone;
   std::optional<double> time_s = std::nullopt;  // in the walk
   bool lost_before = false;                     // SmoothedFrame::lost_before
-  // Of the photograph by itself, where it had a pose.
+  // The pose of the photograph by itself, where it had one.
   std::optional<Rigid3> single_cam_from_world = std::nullopt;
   double single_confidence = 0;
 };
 
-// What a walk told.
+// The result of smoothing a walk.
 struct ToldWalk {
   std::string folder = {};           // Walk::folder
   std::vector<size_t> queries = {};  // its photographs, in the order of their times
-  // nullopt where it told nothing.
+  // nullopt where smoothing gave nothing.
   std::optional<SmoothedWalk> odometry = std::nullopt;
 };
 
@@ -82,23 +82,24 @@ struct SmoothingOptions {
   bool online = false;        // each frame by those before it alone, as Tracker has it
 };
 
-// `queries` are the results of the photographs, in the order of the names that the walks were read
-// for; no two walks share one.
+// Smooths the results `queries` of the photographs, in the order of the names for which the walks
+// were read; no two walks share a photograph.
 WalkedQueries SmoothQueries(std::span<const LocalizedQuery> queries,
                             std::span<const Query> photographs, std::span<const Walk> walks,
                             const SceneDistances& distances, const SmoothingOptions& options);
 
-// Its line of queries.jsonl, without the line's end: that of a single one, and what the walk did.
+// Returns the photograph's line of queries.jsonl, without the line's end: that of the single
+// photograph, and the walk's effect.
 std::string FormatQueryDiagnostics(const WalkedQuery& query);
 
-// Writes `walk.json`, what the walks told; `trajectory.txt`, TUM's, of the localized photographs of
-// the walk in the order of their times; and `trajectory_covariance.txt`: lines `time` and the 21
-// numbers of the upper triangle, row by row, of the covariance that queries.jsonl holds. Walks of a
-// list have trajectory_1.txt, trajectory_covariance_1.txt and so on, in the list's order. Such
-// files of a run before that are not written anew are removed.
+// Writes `walk.json`, the results of the walks; `trajectory.txt`, TUM's, of the localized
+// photographs of the walk in the order of their times; and `trajectory_covariance.txt`: lines
+// `time` and the 21 numbers of the upper triangle, row by row, of the covariance that queries.jsonl
+// holds. Walks of a list have trajectory_1.txt, trajectory_covariance_1.txt and so on, in the
+// list's order. Such files of a former run that are not written anew are removed.
 void WriteWalk(const std::filesystem::path& folder, const WalkedQueries& walked);
 
-// Removes such files where results are of no walk.
+// Removes such files where the results are of no walk.
 void RemoveWalk(const std::filesystem::path& folder);
 
 }  // namespace raylift

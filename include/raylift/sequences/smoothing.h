@@ -1,10 +1,10 @@
-// The poses of a walk's frames from what each frame says of its own pose and what odometry says of
-// how the camera moved: one graph, whose maximum of likelihood is found and whose covariances are
-// exact at it. How noisy the odometry is follows from the walk itself.
+// Estimates the poses of a walk's frames from the poses of single frames and odometry, by one pose
+// graph: its maximum of likelihood, and exact covariances there. The noise of the odometry is
+// estimated from the walk itself.
 //
-// Unknown are the poses T_i (cam_from_world), the odometry's scale s, its noise and by how much the
-// frames' covariances are too small. With the step e(A, B) that turns pose A into pose B
-// (StepBetween), minimized is
+// Unknown are the poses T_i (cam_from_world), the odometry's scale s and noise, and the factor f by
+// which the frames' standard deviations are too small. With the step e(A, B) that turns pose A into
+// pose B (StepBetween), minimized is
 //
 //   - 2 sum_i log( max_k c_ik N(e(Z_ik, T_i); f^2 S_ik) + (1 - sum_k c_ik) u )
 //                                                                 a frame's own poses Z_ik
@@ -31,7 +31,7 @@
 
 namespace raylift {
 
-// A frame's pose by itself, or one that its matches are explained by about as well.
+// The pose of a single frame, or an alternative that explains its matches about as well.
 struct SinglePose {
   Rigid3 cam_from_world;
   Eigen::Matrix<double, 6, 6> covariance;  // of the step, as PoseEstimate's
@@ -46,8 +46,8 @@ struct StepLength {
 struct WalkEvidence {
   Rigid3 cam_from_odometry;
   std::vector<SinglePose> singles = {};  // none without a pose; at most one of them is right
-  // How far the camera went and turned since the frame before, at least: where frames between them
-  // are left out, that is more than the odometry's poses differ.
+  // A lower bound of how far the camera moved and turned since the frame before: where frames
+  // between them are left out, it is more than the odometry's poses differ.
   StepLength since_before = {};
 };
 
@@ -63,18 +63,19 @@ struct SmoothedFrame {
   Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Zero();  // marginal
   // The probability that the frames which agree with this one by odometry are not all wrong: those
   // of one place are wrong together, and no more than three count; frames that do not agree, and
-  // other walks that the alternatives of those which agree would make, speak against it.
+  // other walks that the alternatives of agreeing frames would make, lower it.
   double confidence = 0;
-  // The probability that a pose of its own is right, 0 without one; and which of them.
+  // The probability that a pose of its own is right, 0 without one; and the index of that pose.
   double single_agrees = 0;
   size_t single = 0;
   bool lost_before = false;  // between the frame before and this one the odometry was lost
 };
 
 struct SmoothedWalk {
-  // Empty where no frame has a pose of its own, or an unknown scale is not observable.
+  // Empty where no frame has a pose of its own, or where an unknown scale is not observable.
   std::vector<SmoothedFrame> frames = {};
-  // False where the scale is unknown and no three frames, whose poses lie apart, tell it.
+  // False where the scale is unknown and there are no three frames with poses at different places
+  // that determine it.
   bool scale_is_observable = true;
   double scale = 1;  // scene units per unit of the odometry
   double scale_sigma = 0;
@@ -82,11 +83,12 @@ struct SmoothedWalk {
   double step_sigma = 0;
   double step_rotation_sigma_deg = 0;
   double single_sigma_factor = 1;  // f
-  // The scale that frames see where they contradict a known one: the units are others.
+  // The scale by which frames contradict a known scale, as where units differ; nullopt where they
+  // do not.
   std::optional<double> contradicting_scale = std::nullopt;
 };
 
-// Two frames at least.
+// Smooths a walk of two frames at least.
 SmoothedWalk SmoothWalk(std::span<const WalkEvidence> frames, OdometryScale scale);
 
 }  // namespace raylift

@@ -1,5 +1,5 @@
-// A walk while it is taken: the pose of the newest photograph by those before it and the odometry.
-// What it costs and keeps is bounded, however long the walk is.
+// Tracks a walk while it is taken: the pose of the newest photograph follows from those before it
+// and the odometry. Time and memory per photograph are bounded, however long the walk is.
 
 #pragma once
 
@@ -15,16 +15,16 @@
 
 namespace raylift {
 
-// The newest frame of a walk by SmoothWalk() of the last frames: the most recent ones, and those
-// before them that have a pose of their own, so that it knows the way from there.
+// Estimates the newest frame of a walk by SmoothWalk() of the last frames: the most recent ones,
+// and those before them that have a pose of their own, so that the way from there is known.
 class WalkFilter {
  public:
-  // `frames` are those of a filter of the walk so far.
+  // Continues with `frames`, those of a filter of the walk so far.
   explicit WalkFilter(OdometryScale scale, std::vector<WalkEvidence> frames = {})
       : scale_(scale), frames_(std::move(frames)) {}
 
-  // Returns the walk of the frames that are kept, the newest last; without frames where
-  // SmoothWalk() has none.
+  // Returns the smoothed walk of the frames that are kept, the newest last; without frames where
+  // SmoothWalk() gives none.
   SmoothedWalk Add(const WalkEvidence& frame);
 
   const std::vector<WalkEvidence>& frames() const { return frames_; }
@@ -39,13 +39,13 @@ class WalkFilter {
 struct TrackedPose {
   WalkedQuery query;  // with the photograph's own result
   // The odometry's frame in the world (its translations times the scale); nullopt where the
-  // photograph has no pose: the walk is lost, or has not been found in the map yet. Nor does one
-  // photograph tell it while an unknown scale is not observable.
+  // photograph has no pose, as the walk is lost or has not been found in the map yet, and while an
+  // unknown scale is not observable.
   std::optional<Rigid3> world_from_odometry = std::nullopt;
   double scale = 1;
 };
 
-// What is kept of a walk from one photograph to the next: with it another process goes on.
+// The state of a walk between two photographs, with which another process can continue it.
 struct WalkState {
   std::vector<WalkEvidence> frames = {};  // WalkFilter's
   std::optional<double> last_time_s = std::nullopt;
@@ -59,7 +59,7 @@ struct WalkedPhotograph {
   double time_s = 0;
 };
 
-// Returns the pose of the next photograph, and takes it into the state. The times must grow;
+// Returns the pose of the next photograph, and updates the state. Times must grow; throws
 // InputError where one does not.
 TrackedPose Track(const WalkedPhotograph& photograph, const SceneDistances& distances,
                   const SmoothingOptions& options, WalkState& state);
@@ -67,13 +67,13 @@ TrackedPose Track(const WalkedPhotograph& photograph, const SceneDistances& dist
 // Localizes photographs of a walk one after the other.
 class Tracker {
  public:
-  // `localizer` as for single photographs.
+  // Takes a localizer as for single photographs.
   Tracker(Localizer localizer, const SmoothingOptions& options);
 
-  // As Track().
+  // Localizes the photograph and returns its pose as Track() does.
   TrackedPose Add(const Query& query, const Image& photograph, const Rigid3& cam_from_odometry,
                   double time_s);
-  // The same of a photograph that was localized by itself.
+  // Takes a photograph that was localized by itself.
   TrackedPose Add(const Query& query, const LocalizedQuery& alone, const Rigid3& cam_from_odometry,
                   double time_s);
 

@@ -1,5 +1,5 @@
-// A walk: photographs in the order in which they were taken, and how the camera moved between them
-// as odometry says (ARKit, ARCore, a VIO, visual odometry of unknown scale), in a frame of its own.
+// A walk: photographs in the order in which they were taken, and the camera's motion between them
+// by odometry (ARKit, ARCore, a VIO, visual odometry of unknown scale), in a frame of its own.
 
 #pragma once
 

@@ -10,8 +10,8 @@
 
 namespace raylift {
 
-// "http://HOST:PORT", "?scene=NAME" behind it where the server has several. Throws InputError for
-// what is none; https is none, as nothing is encrypted here.
+// Parses "http://HOST:PORT", followed by "?scene=NAME" where the server has several. Throws
+// InputError for anything else; https is not supported, as nothing is encrypted here.
 struct ServerUrl {
   std::string host, port, path, parameters;
 
@@ -21,7 +21,7 @@ struct ServerUrl {
 struct ClientOptions {
   ServerUrl server;
   std::string token = {};  // empty: none is sent
-  // For how long a request is sent again where the server is busy, and waited for.
+  // Longest time for which a request to a busy server is repeated, and waited for, s.
   std::chrono::seconds patience{600};
 };
 

@@ -37,23 +37,23 @@ struct ServedScene {
   std::shared_ptr<const Localizer> localizer;
   std::optional<WorldFrame> world = std::nullopt;  // where its place on the earth is known
 };
-// Called before the first request, and again, on another thread, where scenes are to be opened
-// anew.
+// Opens the scenes. It is called before the first request, and again, on another thread, to open
+// the scenes anew.
 using OpenScenes = std::function<std::vector<ServedScene>()>;
 
-// What clients may take. Bodies are counted as they are decoded.
+// The limits on what clients may use. Bodies are counted as they are decoded.
 struct ServerLimits {
-  // At once. Further ones take the place of one that was answered and is about to end, or of that
-  // which has been without a request for longest, once it had time to send one or where most have
-  // none. Where there is no such one, they are told to come later (503).
+  // Connections at once. A further one replaces a connection that was answered and is about to end,
+  // or the one that has been without a request for longest, once it had time to send one or where
+  // most have none. Where there is none of these, it is answered with 503.
   int connections = 1000;
-  // Requests that wait for a thread; further ones get 429, and so do those that would wait for more
+  // Requests that wait for a thread; further ones get 429, as do those that would wait for more
   // than half of answer_s.
   size_t queue = 64;
   size_t body_bytes = size_t{32} << 20;
   size_t held_bytes = size_t{512} << 20;  // of all bodies at once; further ones get 503
   uint64_t pixels = 64'000'000;           // of a photograph
-  // Seconds: for a request's header and a connection without one, for its body, for a part of the
+  // Seconds for a request's header and a connection without one, for its body, for a part of the
   // answer, and from the body's end to the answer, after which it is given up.
   double header_s = 10;
   double body_s = 30;
@@ -67,11 +67,11 @@ struct ServerOptions {
   int threads = 0;                   // photographs at once; 0: one for each core
   ServerLimits limits = {};
   std::filesystem::path tokens = {};  // empty: whoever reaches it may ask
-  // Signs what clients carry of their walks: replicas of one service have the same. Empty: a random
-  // one, so that no other process takes these tokens.
+  // The key that signs the state of walks that clients carry: replicas of one service share it.
+  // Empty: a random one, so that no other process accepts these tokens.
   std::filesystem::path session_key = {};
-  // Seconds from SIGTERM until no more requests are taken; meanwhile /readyz says that it ends, so
-  // that a proxy asks others.
+  // Seconds from SIGTERM until no more requests are taken; meanwhile /readyz reports the end, so
+  // that a proxy turns to other servers.
   double drain_s = 0;
   std::filesystem::path keep = {};  // folder for photographs and answers; empty: none is kept
   std::string cors_origin = {};     // of pages that browsers may use it from; empty: none
@@ -81,8 +81,8 @@ struct ServerOptions {
 class Server {
  public:
   // Opens the scenes and the port; signals wait for Run() from then on. Throws what `open` throws,
-  // OptionError for an address or a port that cannot be had, and ResourceError where threads cannot
-  // be started.
+  // OptionError for an address or a port that cannot be used, and ResourceError where threads
+  // cannot be started.
   Server(OpenScenes open, const ServerOptions& options);
   ~Server();
   Server(const Server&) = delete;

@@ -17,25 +17,26 @@ namespace raylift {
 
 struct PointCloud {
   std::vector<Eigen::Vector3d> points_in_world;
-  // Per point, unit, either sign; empty where there are none.
+  // One per point, of unit length and either sign; empty where there are none.
   std::vector<Eigen::Vector3f> normals;
   std::vector<std::array<uint8_t, 3>> colors_rgb;  // per point; empty where there are none
 
-  // The reader's messages to the user: points that were left out, ...
+  // Warnings of the reader for the user: points that were left out, ...
   std::vector<std::string> warnings;
 };
 
 // Reads PLY (the vertices, whatever else it holds), LAS 1.0 to 1.4 (not compressed), PCD (ascii and
 // binary) or text (.xyz, .txt, .asc, .pts, .csv), by the file's extension. Text has x, y and z in
 // its first columns; further ones are by the names in its first line ("//X Y Z R G B Nx Ny Nz");
-// without one, three whole numbers up to 255 are a color and three of unit length a normal. Points
-// that are not finite, and those that a LAS file withholds or calls noise, are left out and counted
-// in `warnings`. InputError naming the file and field where it cannot be read or no point is left.
+// without such a line, three whole numbers up to 255 are a color and three of unit length a normal.
+// Points that are not finite, and those that a LAS file withholds or calls noise, are left out and
+// counted in `warnings`. Throws InputError naming the file and field where it cannot be read or no
+// point is left.
 PointCloud ReadPointCloud(const std::filesystem::path& path);
 
-// As ListMeshFiles: those of "a.las+b.ply", "scans/*.las" or a folder.
+// Returns the files that "a.las+b.ply", "scans/*.las" or a folder name, as ListMeshFiles() does.
 std::vector<std::filesystem::path> ListCloudFiles(const std::string& files);
-// As IsMeshFileName().
+// Returns whether the extension, in any case, is that of a point cloud.
 bool IsCloudFileName(const std::filesystem::path& file);
 
 // Reads all of them as one cloud. It has normals, or colors, where all of them do.
@@ -54,17 +55,18 @@ PointCloud ReadPointClouds(std::span<const std::filesystem::path> files);
 //    their depths has no bias of second order.
 
 struct SurfelOptions {
-  std::optional<double> radius = std::nullopt;  // of all discs; none: by the local density
+  std::optional<double> radius = std::nullopt;  // of all discs; nullopt: by the local density
   int neighbors = 16;                           // k: more smooth more, and hold against more noise
   int threads = 0;                              // <= 0: all; never changes the result
 };
 
 struct Surfels {
-  // Discs are float, relative to this origin, which is subtracted in double before rounding.
+  // The discs' centers are float, relative to this origin, which is subtracted in double before
+  // rounding.
   Eigen::Vector3d origin_in_world = Eigen::Vector3d::Zero();
   std::vector<Eigen::Vector4f> discs;  // center and radius
   std::vector<Eigen::Vector3f> normals;
-  // The standard deviation of the points about the discs' planes.
+  // The standard deviation of the points about each disc's plane.
   std::vector<float> sigmas;
   std::vector<std::array<uint8_t, 3>> colors_rgb;  // empty where the cloud has none
   std::vector<std::string> warnings;
@@ -72,8 +74,9 @@ struct Surfels {
   size_t MemoryBytes() const;
 };
 
-// Points at one place count as one. Points whose neighbors span no plane (fewer than three places,
-// or all on a line) are left out and counted. Throws InputError if none is left.
+// Makes a disc of each point. Points at one place count as one. Points whose neighbors span no
+// plane (fewer than three places, or all on a line) are left out and counted. Throws InputError if
+// none is left.
 Surfels MakeSurfels(PointCloud cloud, const SurfelOptions& options = {});
 
 }  // namespace raylift

@@ -31,7 +31,7 @@
 
 namespace raylift {
 
-// Where a ray's surface is.
+// The depth at which a ray has its surface.
 enum class SplatDepth {
   kMedian,    // the first t behind which no more than half of the light is left (Huang et al.)
   kExpected,  // the mean of t by weight: smooth, but between surfaces where there are two
@@ -60,8 +60,8 @@ struct Splats {
   // where there are no colors.
   int degree = 0;
   std::vector<Eigen::Vector3f> harmonics;
-  // From the world's directions to those that the harmonics are of; a mirror where its determinant
-  // is -1.
+  // The rotation from the world's directions to the harmonics' frame; a mirror where its
+  // determinant is -1.
   Eigen::Matrix3d harmonics_from_world = Eigen::Matrix3d::Identity();
 
   std::vector<std::string> warnings;
@@ -78,9 +78,9 @@ struct Splats {
 // nerfstudio write it; or red, green and blue in place of the harmonics. Compressed ones, as
 // PlayCanvas' SuperSplat and splat-transform write them, have packed_position, packed_rotation,
 // packed_scale and packed_color, and the element chunk with their ranges. Gaussians with a number
-// that is not finite are left out and counted in `warnings`; so are those too transparent to be
-// seen, without a word. InputError naming the file and field where it cannot be read or nothing is
-// left.
+// that is not finite are left out and counted in `warnings`; those too transparent to be seen are
+// left out without a warning. Throws InputError naming the file and field where it cannot be read
+// or nothing is left.
 Splats ReadSplats(const std::filesystem::path& path);
 
 }  // namespace raylift

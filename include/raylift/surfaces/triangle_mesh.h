@@ -14,7 +14,7 @@
 
 namespace raylift {
 
-// What a mesh's file calls a part of its surface.
+// The names of a part of the surface in the mesh's file.
 struct SurfaceLabel {
   static constexpr uint32_t kNone = 0xffffffffu;
 
@@ -22,7 +22,7 @@ struct SurfaceLabel {
   std::string instance_name;  // with those above it, between slashes
   std::string material;       // of a city model the kind of its surface, as RoofSurface
 
-  // The number of the material's name in the scene, or what a table makes of one of both names.
+  // The number of the material's name in the scene, or the id that a table gives to the two names.
   uint32_t semantic = kNone;
   std::string semantic_name;
 };
@@ -34,29 +34,31 @@ struct TriangleMesh {
   std::vector<Eigen::Vector3f> vertices;
   std::vector<std::array<uint32_t, 3>> triangles;
 
-  // Per vertex; empty where the mesh has none.
+  // One per vertex; empty where the mesh has none.
   std::vector<std::array<uint8_t, 3>> vertex_colors_rgb;
   std::vector<Eigen::Vector2f> texture_coordinates;  // (u, v), v = 0 at the picture's last row
 
-  // Per triangle, index into `textures`, -1 = none; empty where the mesh has no texture.
+  // For each triangle an index into `textures`, -1 = none; empty where the mesh has no texture.
   std::vector<int32_t> triangle_textures;
   std::vector<Image> textures;
 
-  // The face of its file that each triangle is of, where polygons were cut or faces dropped; empty
-  // where that is its own place.
+  // The face of its file that each triangle belongs to, where polygons were triangulated or faces
+  // dropped; empty where that is the triangle's own index.
   std::vector<uint32_t> triangle_faces;
   // The first triangle of each mesh where several were joined; empty where it is one mesh.
   std::vector<uint32_t> object_begins;
 
-  // Per triangle, index into `labels`, SurfaceLabel::kNone = none; empty where there are no labels.
+  // For each triangle an index into `labels`, SurfaceLabel::kNone = none; empty where there are no
+  // labels.
   std::vector<uint32_t> triangle_labels;
   std::vector<SurfaceLabel> labels;
   uint32_t num_instances = 0;  // theirs are below it
 
-  // The system of its coordinates, where its file names one, as WorldFrame::Parse() takes it.
+  // The coordinate reference system of its coordinates, where its file names one, as
+  // WorldFrame::Parse() takes it.
   std::string crs;
 
-  // The reader's messages to the user: degenerate triangles removed, a texture missing, ...
+  // Warnings of the reader for the user: degenerate triangles removed, a texture missing, ...
   std::vector<std::string> warnings;
 
   // Returns the index of the joined mesh that a triangle belongs to.
@@ -71,7 +73,7 @@ struct TriangleMesh {
     return object_begins.empty() ? triangle : triangle - object_begins[ObjectOf(triangle)];
   }
 
-  // Returns what the triangle's part is called; one without names where the file has none.
+  // Returns the label of the triangle's part; one without names where the file has none.
   const SurfaceLabel& LabelOf(uint32_t triangle) const {
     static const SurfaceLabel kWithoutNames;
     if (triangle_labels.empty() || triangle_labels[triangle] == SurfaceLabel::kNone)

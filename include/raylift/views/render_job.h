@@ -1,5 +1,5 @@
-// Renders all views of a scene to files: in parallel, again only what is missing, and so that a
-// killed run, or several machines, leave the same files as one run that was left alone.
+// Renders all views of a scene to files: in parallel, only those that are missing, and so that a
+// killed run, or several machines, leave the same files as one uninterrupted run.
 
 #pragma once
 
@@ -59,12 +59,12 @@ inline constexpr auto kEnumNames<Product> = std::to_array<EnumName<Product>>({
     {Product::kMask, "mask"},
 });
 
-// x, y, z per pixel.
+// Returns whether a product has x, y, z per pixel.
 constexpr bool IsVector(Product product) {
   return product == Product::kNormals || product == Product::kPoints;
 }
 
-// Whole numbers.
+// Returns whether a product has integers per pixel.
 constexpr bool IsId(Product product) {
   using enum Product;
   return product == kTriangle || product == kObject || product == kInstance || product == kSemantic;
@@ -81,13 +81,14 @@ struct ProductOutput {
   std::string format;  // one of FormatsOf(product); also the files' extension
 };
 
-// Holds colors: a picture, or a cloud of points, which has normals as well.
+// Returns whether an output holds colors: a picture, or a cloud of points, which has normals as
+// well.
 inline bool HasColors(const ProductOutput& output) {
   return output.product == Product::kColor || output.format == "ply";
 }
 
-// The formats that can hold a product, the default first: of "npy", "exr", "npz", "png", "tiff",
-// "bin" (COLMAP), "pfm", "jpg", "ply".
+// Returns the formats that can hold a product, the default first: of "npy", "exr", "npz", "png",
+// "tiff", "bin" (COLMAP), "pfm", "jpg", "ply".
 std::span<const std::string_view> FormatsOf(Product product);
 
 // Returns the names of an EXR file's channels, separated by commas.
@@ -98,7 +99,7 @@ struct StorageOptions {
   int jpeg_quality = 92;
 };
 
-// Asks for the maps that the products need.
+// Sets the maps that the products need in `options`.
 void Request(std::span<const ProductOutput> products, FrameOptions& options);
 
 struct WrittenFile {
@@ -107,7 +108,7 @@ struct WrittenFile {
   size_t dropped = 0;  // values that the format could not hold
 };
 
-// Writes one product of a frame of this mesh. Errors as WriteDepthFile; thread safe.
+// Writes one product of a frame of this mesh. Throws as WriteDepthFile() does; thread safe.
 WrittenFile WriteProduct(const std::filesystem::path& file, const ProductOutput& output,
                          const Frame& frame, const TriangleMesh& mesh,
                          const StorageOptions& options);
@@ -119,7 +120,7 @@ struct ManifestEntry {
   std::string camera;
   size_t pixels = 0;
   size_t hits = 0;
-  std::optional<std::pair<float, float>> depth_range = std::nullopt;  // none: nothing was hit
+  std::optional<std::pair<float, float>> depth_range = std::nullopt;  // nullopt: nothing was hit
   size_t dropped = 0;  // values that a format could not hold
   std::vector<PromisedFile> files = {};
 
@@ -130,14 +131,14 @@ struct ManifestEntry {
 
 using ManifestEntries = std::map<std::string, ManifestEntry>;  // by name
 
-// The entries of a manifest. A last line that was cut off by a crash, and lines that make no sense,
-// count as not there; so does a missing file.
+// Reads the entries of a manifest. A last line that was cut off by a crash, lines that cannot be
+// parsed and a missing file count as absent.
 ManifestEntries ReadManifest(const std::filesystem::path& path);
 
-// One line of JSON.
+// Returns an entry as one line of JSON.
 std::string ToJsonLine(const ManifestEntry& entry);
 
-// The job's cameras in the files of others, beside the products.
+// The formats of other tools in which the job's cameras are written, beside the products.
 enum class CameraFiles {
   kTransforms,  // OUT/transforms.json
   kMvsnet,      // OUT/cams, OUT/pair.txt
@@ -152,7 +153,7 @@ inline constexpr auto kEnumNames<CameraFiles> = std::to_array<EnumName<CameraFil
 
 struct RenderTask {
   PosedImage view;
-  // OUT/PRODUCT/stem.FORMAT are the files; a relative path that stays below the folder.
+  // The files are OUT/PRODUCT/stem.FORMAT; a relative path that stays below the folder.
   std::string stem;
 };
 
@@ -163,20 +164,22 @@ struct RenderJobOptions {
   StorageOptions storage = {};
   int threads = 0;
   bool resume = false;  // keep the files of a former run that are complete and not stale
-  // Render all again where there was a former run. With neither of the two its folder is refused.
+  // Renders all views anew where there was a former run. With neither of the two a folder with a
+  // former run is refused.
   bool overwrite = false;
   Shard shard = {};
-  // Where another run writes to the folder, wait until it has ended.
+  // Waits until another run that writes to the folder has ended.
   bool wait = false;
   std::vector<CameraFiles> camera_files = {};
-  // Of transforms: the folder of the photographs; empty: what is rendered in color.
+  // For transforms: the folder of the photographs; empty: the color images that are rendered.
   std::filesystem::path photographs = {};
   bool preview = false;  // also make OUT/preview.png
-  // The command line, for timing.jsonl, which has it and the run's times. Empty: no such file.
+  // The command line, which timing.jsonl holds with the run's times. Empty: no such file is
+  // written.
   std::string command = {};
 };
 
-// The report of a run on each image that it has rendered.
+// The report of a run on an image that it has rendered.
 struct RenderedImage {
   const ManifestEntry& entry;
   double render_s;
@@ -185,11 +188,11 @@ struct RenderedImage {
 };
 
 struct RenderHooks {
-  // Before the first image: how many are to render, and how many rays that takes.
+  // Is called before the first image with the number of images to render, and of their rays.
   std::function<void(size_t images, size_t rays)> on_start = {};
-  // From any thread, one call at a time.
+  // Is called from any thread, one call at a time.
   std::function<void(const RenderedImage&)> on_image = {};
-  // Set from outside: no further image is begun.
+  // Is set from outside to stop: no further image is begun.
   const std::atomic<bool>* stop = nullptr;
 };
 
@@ -210,7 +213,7 @@ struct RenderSummary {
   size_t kept = 0;        // of a former run
   size_t left = 0;        // not begun, as the run was stopped
   bool complete = false;  // all images of all shards are there
-  // Files of a former run that stay in the folder although this one has nothing to do with them.
+  // Files of a former run in the folder that do not belong to this one.
   std::vector<std::string> foreign_files = {};
   std::vector<std::string> warnings = {};  // of what there is to see: that it is nothing
   JobTotals totals = {};

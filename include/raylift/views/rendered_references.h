@@ -1,5 +1,5 @@
-// Pictures of a mesh in the place of reference photographs, for scenes that have none: views are
-// sampled, rendered, and left as a COLMAP model and a folder of images, as photographs would be.
+// Renders pictures of a mesh in place of reference photographs, for scenes that have none: views
+// are sampled, rendered, and written as a COLMAP model and a folder of images.
 
 #pragma once
 
@@ -40,14 +40,14 @@ struct ViewsOfKind {
   ViewKind kind;  // that was taken for kAuto
   SampledViews views;
 };
-// Views of one kind. Around and covering views keep no further from surfaces than a twentieth of
-// the mesh's size. Throws InputError where there is no place for a camera.
+// Samples views of one kind. Around and covering views keep no further from surfaces than a
+// twentieth of the mesh's size. Throws InputError where there is no place for a camera.
 ViewsOfKind SampleViews(const RayCaster& mesh, ViewKind kind, const ViewSamplerOptions& options,
                         const InsideOptions& inside, const AroundOptions& around = {});
 
-// A pinhole camera whose pictures match those of the queries' cameras: of their median angle of
-// view (at least 60 and at most 100 degrees wide), and as sharp as the median query in its middle,
-// up to 1600 pixels. `size` and `fov_deg` (horizontal) override. At least one query.
+// Returns a pinhole camera whose pictures match those of the queries' cameras: of their median
+// angle of view (at least 60 and at most 100 degrees wide), and as sharp as the median query in its
+// middle, up to 1600 pixels. `size` and `fov_deg` (horizontal) override. Takes at least one query.
 Camera CameraLikeQueries(std::span<const Camera> queries, const std::optional<PlaneSize>& size,
                          const std::optional<double>& fov_deg);
 
@@ -69,20 +69,21 @@ struct RenderedReferences {
   std::vector<std::string> warnings;
 };
 
-// Renders what is not in `out` yet from the same mesh and views; where another run does so, waits
-// for it. Unlit where the mesh has colors, else shaded by a light at the camera, with a warning.
-// The same bytes for any number of threads. Throws InputError where there is no place for a camera,
-// or a file cannot be written.
+// Renders the views that are not in `out` yet from the same mesh and views; waits where another run
+// does so. Unlit where the mesh has colors, else shaded by a light at the camera, with a warning.
+// The bytes are the same for any number of threads. Throws InputError where there is no place for a
+// camera, or a file cannot be written.
 RenderedReferences RenderReferences(const std::shared_ptr<const RayCaster>& mesh,
                                     const RenderedReferenceOptions& options,
                                     const RenderHooks& hooks);
 
-// How a picture of this scene is to look like a photograph: anti-aliased, on gray.
+// Returns the colors with which a picture of this scene resembles a photograph: anti-aliased, on
+// gray.
 ColorOptions ColorsLikePhotographs(const RayCaster& scene);
 
-// One camera, images "0000.jpg", ... With rig_cameras > 1 each pose is that of a rig of so many
-// cameras at one place, turned to the right about the image's vertical by equal angles: images
-// "camera0/0000.jpg", ..., and COLMAP's rigs and frames.
+// Makes a model of one camera and images "0000.jpg", ... With rig_cameras > 1 each pose is that of
+// a rig of so many cameras at one place, turned to the right about the image's vertical by equal
+// angles: images "camera0/0000.jpg", ..., and COLMAP's rigs and frames.
 ColmapModel MakeSampledModel(const Camera& camera, std::span<const Rigid3> cam_from_world,
                              int rig_cameras);
 

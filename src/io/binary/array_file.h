@@ -13,8 +13,7 @@
 
 namespace raylift {
 
-// They are decoded when they are asked for, as others beside those that are wanted need not be
-// numbers.
+// Arrays are decoded when they are asked for, as others in the file need not be numbers.
 class ArrayFile {
  public:
   static constexpr const char* kOnlyArray = "";  // the name of what is in an NPY
@@ -25,8 +24,8 @@ class ArrayFile {
   // Returns the names in an NPZ or NPY; none are listed of HDF5.
   const std::set<std::string>& names() const { return names_; }
 
-  // Returns the array as float or double, of a batch of one its one. InputError where it is absent
-  // or malformed.
+  // Returns the array as float or double, of a batch of one its one. Throws InputError where it is
+  // absent or malformed.
   template <typename Value>
   NpyArray<Value> Read(const std::string& name) const;
 

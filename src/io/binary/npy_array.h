@@ -26,7 +26,7 @@ struct NpyHeader {
 // to check.
 NpyHeader ReadNpyHeader(const std::filesystem::path& file, std::string_view bytes);
 
-// How numbers of a type are read.
+// Names a type of numbers and reads them.
 struct NpySamples {
   std::string_view code, name;  // "f4", "float32"
   size_t num_bytes;
@@ -42,8 +42,8 @@ struct NpyArray {
   std::vector<Value> values;  // in C's order, whatever the order in the file
   std::string_view sample_type;
 };
-// A whole file's array, as float or double. Throws InputError where it is malformed; memory is not
-// taken on a header's word.
+// Returns a whole file's array, as float or double. Throws InputError where it is malformed; no
+// memory is allocated by an unchecked header.
 template <typename Value>
 NpyArray<Value> DecodeNpyArray(const std::filesystem::path& file, std::string_view bytes);
 

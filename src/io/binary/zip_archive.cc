@@ -42,7 +42,7 @@ class ZipError {
   zip_error_t error_;
 };
 
-// Reading only: the archive is opened on a buffer that is not its own.
+// Opens an archive for reading, on a buffer that is not its own.
 ZipHandle Open(const path& file, const void* data, size_t size) {
   ZipError error;
   zip_source_t* source = zip_source_buffer_create(data, size, 0, error.get());
@@ -165,7 +165,7 @@ std::string MakeZip(const path& file, const std::string& name, const std::string
 
 namespace {
 
-// What libzip asks for an entry's bytes.
+// The source from which libzip asks for an entry's bytes.
 struct LazyEntry {
   const ZipEntry* entry;
   std::exception_ptr* failure;  // of any entry: no exception may pass through libzip

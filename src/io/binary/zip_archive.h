@@ -16,14 +16,14 @@ bool IsZip(std::string_view bytes);
 
 class ZipReader {
  public:
-  // `bytes` must outlive the reader. Throws InputError where they are no whole archive.
+  // `bytes` must outlive the reader. Throws InputError where they are no complete archive.
   ZipReader(std::filesystem::path path_for_messages, std::string_view bytes);
   ~ZipReader();
 
   const std::vector<std::string>& names() const { return names_; }
 
-  // The contents of an entry. Throws InputError where it is damaged, or where it is said to be
-  // larger than its compressed bytes can become.
+  // Returns the contents of an entry. Throws InputError where it is damaged, or where its stated
+  // size is larger than its compressed bytes can become.
   std::string Read(const std::string& name) const;
 
  private:
@@ -35,7 +35,8 @@ class ZipReader {
 
 enum class ZipMethod { kStore, kDeflate };
 
-// An archive of one entry; the same contents give the same bytes, as its time is that of 1980.
+// Returns an archive of one entry; the same contents give the same bytes, as its time is that of
+// 1980.
 std::string MakeZip(const std::filesystem::path& path_for_messages, const std::string& name,
                     const std::string& contents, ZipMethod method);
 

@@ -95,11 +95,11 @@ struct Partner {
   int64_t num_matches = 0;
 };
 
-// As COLMAP makes it, the smaller id first.
+// Returns the id of a pair as COLMAP makes it, the smaller image id first.
 constexpr int64_t kMaxNumImages = 2147483647;
 int64_t PairIdOf(int64_t a, int64_t b) { return std::min(a, b) * kMaxNumImages + std::max(a, b); }
 
-// A path in SQLite's URIs.
+// Returns a path as a URI of SQLite.
 std::string UriOf(const path& file, bool is_closed) {
   std::string uri = "file:";
   for (const char c : file.string()) {

@@ -1,5 +1,5 @@
-// COLMAP's database (SQLite; versions 3.8 to 4.x): keypoints of images and matches between them,
-// by whatever COLMAP or others have put there. Read only.
+// Reads COLMAP's database (SQLite; versions 3.8 to 4.x): keypoints of images and matches between
+// them, by whatever COLMAP or others have put there.
 
 #pragma once
 
@@ -29,17 +29,18 @@ class ColmapDatabase {
   // Reads all images, by name.
   std::vector<std::string> ImageNames() const;
 
-  // Keypoints and the size of the image's camera, without descriptors. Throws InputError where the
-  // image is not there, or its keypoints are not. Pixels are COLMAP's. Safe to call from several
-  // threads, as ReadMatches.
+  // Reads the keypoints and the size of the image's camera, without descriptors. Throws InputError
+  // where the image or its keypoints are missing. Pixels are COLMAP's. Thread safe, as
+  // ReadMatches().
   Features ReadKeypoints(const std::string& image) const;
 
-  // The images that this one is matched with, best first: by the inliers of their verified pairs
-  // (two_view_geometries), then by their matches.
+  // Returns the images that this one is matched with, best first: by the inliers of their verified
+  // pairs (two_view_geometries), then by their matches.
   std::vector<std::string> MatchedWith(const std::string& image) const;
 
-  // The matches of a pair, whichever way round it is stored; the inliers where they are more, as
-  // after guided matching or where others put nothing else there. None where there are neither.
+  // Returns the matches of a pair, in whichever order it is stored; the inliers where they are
+  // more, as after guided matching or where others put nothing else there. nullopt where there are
+  // neither.
   std::optional<std::vector<FeatureMatch>> ReadMatches(const std::string& query,
                                                        const std::string& reference) const;
 

@@ -28,8 +28,8 @@ void ReadRecords(std::string_view file, const std::filesystem::path& path, Colma
 void WriteRecords(std::string_view file, const std::filesystem::path& path, ColmapForm form,
                   const ColmapModel& model);
 
-// Poses the images of rigs by sensor_from_rig * rig_from_world, as COLMAP does. Where that differs
-// from what the images file says, a warning tells so.
+// Computes the poses of images of rigs as sensor_from_rig * rig_from_world, as COLMAP does. Adds a
+// warning where they differ from those of the images file.
 void ComposePosesOfFrames(const std::filesystem::path& folder, ColmapForm form, ColmapModel* model);
 
 // The type by which ColmapSensor names a camera.
@@ -39,7 +39,8 @@ inline constexpr int32_t kCameraSensor = 0;
 // sensor.
 std::optional<Rigid3> SensorFromRig(const ColmapRig& rig, const ColmapSensor& sensor);
 
-// The ids in the order to write: those of `order` that still exist, then all others by id.
+// Returns the ids in the order of writing: those of `order` that still exist, then all others by
+// id.
 template <typename Id, typename Record>
 std::vector<Id> IdsInOrder(const std::map<Id, Record>& records, const std::vector<Id>& order) {
   std::vector<Id> ids;

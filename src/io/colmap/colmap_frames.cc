@@ -1,4 +1,4 @@
-// The poses of images that belong to rigs (COLMAP >= 3.12).
+// Composes the poses of images that belong to rigs (COLMAP >= 3.12).
 
 #include <algorithm>
 #include <optional>

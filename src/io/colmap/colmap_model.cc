@@ -1,4 +1,5 @@
-// COLMAP models as a whole: which form a folder holds, and what must hold between the files.
+// Reads and writes COLMAP models as a whole: detects the form of a folder, and checks the files
+// against each other.
 
 #include "raylift/io/colmap_model.h"
 
@@ -148,7 +149,7 @@ void WriteColmapModel(const std::filesystem::path& folder, const ColmapModel& mo
     WriteRecords(file, FilePath(folder, file, form), form, model);
   }
   if (!model.frames.empty()) return;
-  // Those of a former model would override the poses of this one.
+  // The files of a former model would override the poses of this one.
   for (const std::string_view file : {kRigs, kFrames}) {
     std::error_code ignored;
     std::filesystem::remove(FilePath(folder, file, form), ignored);

@@ -356,7 +356,8 @@ void Take(Form& form, ColmapSensor& sensor) {
   form.Number("sensor id", sensor.id);
 }
 
-// The item at an index, which a reader has only now come to. Counts in files are not trusted.
+// Returns the item at an index, which a reader has only now come to. Counts in files are not
+// trusted.
 template <typename Item>
 Item& ItemAt(std::vector<Item>& items, size_t index) {
   return index < items.size() ? items[index] : items.emplace_back();
@@ -391,7 +392,7 @@ void Take(Form& form, ColmapFrame& frame) {
   }
 }
 
-// Their order is kept where it is not that of the ids.
+// The order of the records is kept where it is not that of the ids.
 template <typename Reader, typename Id, typename Record>
 void ReadAll(Reader reader, const char* kind, std::map<Id, Record>& records,
              std::vector<Id>& order) {

@@ -76,8 +76,8 @@ class MemoryOutput final : public Imf::OStream {
   size_t position_ = 0;
 };
 
-// OpenEXR takes the memory that an attribute claims before it reads it: refuses those that claim
-// more than the file has.
+// Refuses attributes that claim more memory than the file has, as OpenEXR allocates it before it
+// reads them.
 class AttributeCheck {
  public:
   AttributeCheck(const path& file, std::string_view bytes) : file_(file), bytes_(bytes) {}
@@ -185,7 +185,8 @@ std::vector<ChannelOfFile> ListChannels(const Imf::MultiPartInputFile& file) {
   return channels;
 }
 
-// "Z" names the channel Z, and that of a layer or a part as well ("View.Depth.Z").
+// Returns whether a channel has the name: "Z" names the channel Z, and that of a layer or a part as
+// well ("View.Depth.Z").
 bool IsNamed(const ChannelOfFile& channel, const std::string& name) {
   const std::string display = Lower(channel.display);
   return display == name || display.ends_with("." + name);
@@ -227,7 +228,8 @@ Window WindowOf(const Imath::Box2i& box) {
           static_cast<uint64_t>(std::max<int64_t>(height, 0))};
 }
 
-// How many pixels of one channel a file can hold at most. The lossy DCT runs before deflate.
+// Returns how many pixels of one channel a file can hold at most. The lossy DCT runs before
+// deflate.
 uint64_t MaxPixels(Imf::Compression compression, Imf::PixelType type, uint64_t num_bytes) {
   if (compression == Imf::DWAA_COMPRESSION || compression == Imf::DWAB_COMPRESSION) {
     return 4 * kMaxDeflateRatio * num_bytes;
@@ -235,7 +237,7 @@ uint64_t MaxPixels(Imf::Compression compression, Imf::PixelType type, uint64_t n
   return kMaxDeflateRatio * num_bytes / (type == Imf::HALF ? 2 : 4);
 }
 
-// The data window's values in the display window, 0 where it has none.
+// Returns the data window's values in the display window, 0 where it has none.
 std::vector<float> InDisplayWindow(const std::vector<float>& data, const Window& from,
                                    const Window& to) {
   std::vector<float> values(to.width * to.height, 0.0f);

@@ -38,7 +38,7 @@ constexpr std::array<std::pair<std::string_view, DepthFileFormat>, 11> kExtensio
     {".depth", DepthFileFormat::kRaw},
 }};
 
-// For a value that the format cannot hold: the first one for which `fits` is false.
+// Throws for a value that the format cannot hold: the first one for which `fits` is false.
 template <typename Fits>
 [[noreturn]] void Refuse(const path& file, const FloatPlane& plane, std::string_view limit,
                          const Fits& fits) {
@@ -86,7 +86,7 @@ DepthFileFormat FormatToWrite(const path& file, const DepthWriteOptions& options
   return *format;
 }
 
-// As numpy has it.
+// Returns a shape as numpy writes it.
 std::string ShapeText(PlaneSize size) {
   return fmt::format("({}, {})", size.height_px, size.width_px);
 }
@@ -166,7 +166,7 @@ DepthFileFormat FormatOf(const path& file, const DepthWriteOptions& options) {
   throw InputError(file, fmt::format("{} files hold no {}", ToString(format), what));
 }
 
-// The values of one component after the other.
+// Returns the values of one component after the other.
 std::vector<float> Planar(std::span<const float> interleaved, size_t pixels) {
   std::vector<float> planar(interleaved.size());
   for (size_t i = 0; i < pixels; ++i) {
@@ -208,7 +208,7 @@ std::string EncodeVectors(const path& file, PlaneSize size, std::span<const floa
   return bytes;
 }
 
-// "None", the largest number, stays that.
+// Returns the ids in 16 bits; the largest number, which means none, stays the largest.
 std::vector<uint16_t> As16Bits(const path& file, std::span<const uint32_t> indices) {
   std::vector<uint16_t> narrow;
   narrow.reserve(indices.size());

@@ -1,4 +1,4 @@
-// The readers and writers of single depth map formats, between bytes and floats.
+// Converts single depth map formats between bytes and floats.
 
 #pragma once
 
@@ -30,7 +30,7 @@ struct ExrChannel {
 std::string EncodeExr(const std::filesystem::path& path, PlaneSize size,
                       std::span<const ExrChannel> channels, ExrCompression compression,
                       FloatSample sample);
-// One channel "id" of uint32.
+// Returns an EXR of one channel "id" of uint32.
 std::string EncodeExrIndices(const std::filesystem::path& path, PlaneSize size,
                              std::span<const uint32_t> indices, ExrCompression compression);
 
@@ -64,19 +64,20 @@ std::string EncodePfm(const FloatPlane& plane);
 
 StoredDepth DecodeRaw(const std::filesystem::path& path, std::string_view bytes, PlaneSize size);
 
-// Floats as formats of 16 bits hold them, float16 and whole steps, by plain loops over lanes that
+// Converts floats to formats of 16 bits, float16 and integer steps, by plain loops over lanes that
 // are compiled for several instruction sets; all give the same bits (sample_rounding.cc).
 
 inline constexpr float kMaxHalf = 65504;
 
-// The bits of the nearest float16 of each value, ties to even. Infinite and NaN stay what they are;
-// finite values beyond kMaxHalf, which float16 cannot hold, become 0 and are counted as dropped, as
-// are those that round to 0. Returns how many were beyond.
+// Computes the bits of the nearest float16 of each value, ties to even. Infinite and NaN stay as
+// they are; finite values beyond kMaxHalf, which float16 cannot hold, become 0 and are counted as
+// dropped, as are those that round to 0. Returns how many were beyond.
 size_t RoundToHalf(std::span<const float> values, std::span<uint16_t> halves,
                    DepthWriteReport& report);
 
-// The nearest whole number of steps, halves upwards. What is not in 0 .. 65535 steps becomes 0 and
-// is counted as dropped, as are values that round to 0. Returns how many were beyond. `step` > 0.
+// Computes the nearest integer number of steps, halves upwards. Values that are not in 0 .. 65535
+// steps become 0 and are counted as dropped, as are values that round to 0. Returns how many were
+// beyond. `step` > 0.
 size_t RoundToSteps(std::span<const float> values, double step, std::span<uint16_t> counts,
                     DepthWriteReport& report);
 

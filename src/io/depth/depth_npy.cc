@@ -71,7 +71,7 @@ struct Sides {
   uint64_t width, height;
 };
 
-// (H, W), with any sides of 1 before and after.
+// Finds the sides of a shape (H, W), with any sides of 1 before and after.
 Sides FindSides(const path& file, const NpyHeader& header) {
   std::span<const uint64_t> shape = header.shape;
   while (shape.size() > 2 && shape.front() == 1) shape = shape.subspan(1);

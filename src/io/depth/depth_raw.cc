@@ -19,7 +19,7 @@ namespace {
 
 using std::filesystem::path;
 
-// "width&height&channels&" and nothing else before the data.
+// The header "width&height&channels&", which is all that stands before the data.
 struct ColmapHeader {
   uint64_t width, height, channels;
   size_t data_offset;
@@ -50,7 +50,8 @@ StoredDepth CopyFloats(PlaneSize size, std::string_view data, DepthFileFormat fo
   return depth;
 }
 
-// The numbers after the two letters of the format; comments run from # to the end of the line.
+// Reads the numbers after the two letters of the format; comments run from # to the end of the
+// line.
 class NetpbmHeader {
  public:
   NetpbmHeader(const path& file, std::string_view bytes) : file_(file), bytes_(bytes) {}

@@ -31,7 +31,7 @@ class Lock {
   std::scoped_lock<std::mutex> lock_;
 };
 
-// The innermost message of the library's last error; it tells most.
+// Returns the innermost message of the library's last error, which is the most specific.
 std::string LastError() {
   std::string text;
   const auto take_first = [](unsigned n, const H5E_error2_t* error, void* out) -> herr_t {
@@ -104,7 +104,7 @@ bool IsGroup(const std::optional<Handle>& object) {
   return object && H5Iget_type(object->get()) == H5I_GROUP;
 }
 
-// H5Lexists wants every group on the way to exist.
+// Returns whether a path exists; H5Lexists needs every group on the way to exist.
 bool PathExists(hid_t file, const std::string& path) {
   if (path.empty() || path.find('\0') != std::string::npos) {
     return false;
@@ -125,7 +125,8 @@ bool PathExists(hid_t file, const std::string& path) {
   }
 }
 
-// In no order: for a sorted table of them HDF5 1.10 frees what it never made where reading fails.
+// Returns the names of a group's links in no order: for a sorted table of them HDF5 1.10 frees what
+// it never made where reading fails.
 std::vector<std::string> LinkNames(hid_t group) {
   std::vector<std::string> names;
   const auto append = [](hid_t, const char* name, const H5L_info_t*, void* out) -> herr_t {
@@ -156,7 +157,7 @@ void CollectGroupsWith(hid_t group, const std::string& path, const std::string& 
   }
 }
 
-// As numpy's and h5py's float16.
+// Returns the type of numpy's and h5py's float16.
 Handle HalfType() {
   Handle type(H5Tcopy(H5T_IEEE_F32LE), H5Tclose);
   H5Tset_fields(type.get(), 15, 10, 5, 0, 10);
@@ -193,7 +194,7 @@ hid_t NativeType<int64_t>() {
   return H5T_NATIVE_INT64;
 }
 
-// The library's own conversion from float16 takes a tenth of a microsecond per number.
+// Converts from float16, as the library's own conversion takes a tenth of a microsecond per number.
 template <typename T>
 void ConvertHalves(const std::string& bytes, std::vector<T>* values) {
   for (size_t i = 0; i < values->size(); ++i) {
@@ -213,7 +214,7 @@ std::vector<size_t> ShapeOf(hid_t space) {
   return {dims.begin(), dims.end()};
 }
 
-// The number of elements, or none where the file cannot hold so many.
+// Returns the number of elements; nullopt where the file cannot hold so many.
 std::optional<size_t> CountElements(hid_t dataset, size_t num_bytes_each,
                                     const std::vector<size_t>& shape, size_t file_size) {
   const Handle properties(H5Dget_create_plist(dataset), H5Pclose);
@@ -238,8 +239,8 @@ Handle SpaceOf(std::span<const size_t> shape) {
   return {H5Screate_simple(static_cast<int>(dims.size()), dims.data(), nullptr), H5Sclose};
 }
 
-// The groups on the way to a name, without the times that HDF5 would give them: equal contents give
-// equal bytes.
+// Makes the groups on the way to a name, without the times that HDF5 would give them: equal
+// contents give equal bytes.
 void MakeGroups(hid_t file, const std::string& name) {
   const Handle links(H5Pcreate(H5P_LINK_CREATE), H5Pclose);
   H5Pset_char_encoding(links.get(), H5T_CSET_UTF8);
@@ -253,8 +254,8 @@ void MakeGroups(hid_t file, const std::string& name) {
   }
 }
 
-// Without times, too. Returns what is wrong, or nothing: closing anything forgets the library's
-// last error.
+// Writes a data set, without times, too. Returns the error, or nullopt: closing anything would
+// clear the library's last error.
 std::optional<std::string> WriteDataset(hid_t file, const std::string& name,
                                         std::span<const size_t> shape, hid_t type_in_file,
                                         hid_t type_in_memory, const void* data) {
@@ -290,8 +291,8 @@ bool LiesInOtherFiles(hid_t file, hid_t dataset) {
 
 }  // namespace
 
-// Locks the library for one call of a reader. After a call that failed HDF5 may hold half of what it
-// read for the whole of it, and fails for ever: the file is opened again for the next one.
+// Locks the library for one call of a reader. After a call that failed HDF5 may hold half of what
+// it read for the whole of it, and fails for ever: the file is opened again for the next one.
 class Hdf5Reader::Access {
  public:
   explicit Access(const Hdf5Reader& reader) : reader_(reader) {

@@ -1,4 +1,4 @@
-// HDF5 files in terms of arrays and paths; the C library stays behind it.
+// Reads and writes HDF5 files in terms of arrays and paths; the C library is hidden.
 //
 // The library is not thread-safe in most builds: all that it does holds one global lock. It does
 // not print its errors; their text is in the InputErrors.
@@ -20,7 +20,7 @@
 
 namespace raylift {
 
-// Which kind of numbers the file holds (they are converted to what is asked for).
+// The kind of numbers that the file holds (they are converted to the type that is asked for).
 enum class Hdf5Kind { kHalf, kFloat, kDouble, kInteger };
 
 template <typename T>
@@ -41,16 +41,16 @@ class Hdf5Reader {
 
   // Returns whether there is an object of this path ("group/group/dataset").
   bool Has(const std::string& object) const;
-  // The paths of all groups that hold a member of this name, sorted.
+  // Returns the paths of all groups that hold a member of this name, sorted.
   std::vector<std::string> GroupsWith(const std::string& member) const;
 
-  // A data set of floating-point numbers or integers; T: float, double or int64_t, where int64_t
-  // takes only integers. Throws InputError naming it where it is absent, of another type, of more
-  // elements than the file can hold, or damaged.
+  // Reads a data set of floating-point numbers or integers; T: float, double or int64_t, where
+  // int64_t takes only integers. Throws InputError naming it where it is absent, of another type,
+  // of more elements than the file can hold, or damaged.
   template <typename T>
   Hdf5Array<T> Read(const std::string& dataset) const;
 
-  // The numbers of an attribute, or none where the object has none of this name.
+  // Returns the numbers of an attribute; nullopt where the object has none of this name.
   std::optional<std::vector<double>> ReadAttribute(const std::string& object,
                                                    const std::string& name) const;
 
@@ -104,8 +104,8 @@ inline std::string ToString(const std::vector<size_t>& shape) {
   return shape.empty() ? "one number" : fmt::format("{}", fmt::join(shape, " x "));
 }
 
-// For programs, which end when their results are written: to be called before anything else. HDF5
-// then does not clean up when the process ends. Where a disk was full it would crash there, as it
+// Keeps HDF5 from cleaning up when the process ends, for programs, which end when their results are
+// written; to be called before anything else. Where a disk was full the cleanup would crash, as it
 // goes through files again that it could not close.
 void LeaveHdf5AsItIsAtExit();
 

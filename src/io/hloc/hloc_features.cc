@@ -19,7 +19,7 @@ namespace {
 // hloc puts the center of the first pixel at (0, 0), COLMAP at (0.5, 0.5).
 constexpr double kPixelShift = 0.5;
 
-// From here on float16 has steps of half a pixel and more.
+// Float16 has steps of half a pixel and more from here on.
 constexpr double kCoarseHalfPx = 512;
 
 Hdf5Kind ReadKeypoints(const Hdf5Reader& file, const std::string& image, Features* features) {

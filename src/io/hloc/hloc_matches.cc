@@ -44,7 +44,7 @@ std::vector<int64_t> ReadIndices(const Hdf5Reader& file, const std::string& grou
   return std::move(array.values);
 }
 
-// hloc's matchers may leave the scores out; all matches count the same then.
+// Reads the scores; hloc's matchers may leave them out, and all matches count the same then.
 std::vector<float> ReadMatchScores(const Hdf5Reader& file, const std::string& group,
                                    size_t num_indices) {
   const std::string dataset = group + "/matching_scores0";
@@ -83,7 +83,7 @@ std::vector<FeatureMatch> ReadMatches(const Hdf5Reader& file, const std::string&
   return matches;
 }
 
-// "query, reference[, score]" where there are commas that separate, else by white space.
+// Splits "query, reference[, score]" at commas that separate, else at white space.
 std::vector<std::string_view> SplitPairLine(std::string_view line) {
   const bool has_blank = line.find_first_of(" \t") != std::string_view::npos;
   const bool has_comma = line.find(',') != std::string_view::npos;

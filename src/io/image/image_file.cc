@@ -23,9 +23,9 @@ size_t BigEndian(std::string_view bytes) {
   return value;
 }
 
-// Segments of a marker and a length each, up to the first scan; in scans 0xFF is followed by 0 or
-// a marker, so that the end of the image is found by its own. (Thumbnails have ends, too: within a
-// segment.)
+// Returns whether a JPEG is truncated. It consists of segments of a marker and a length each, up to
+// the first scan; in scans 0xFF is followed by 0 or a marker, so that the end of the image is
+// found. (Thumbnails have ends, too: within a segment.)
 bool JpegIsCutShort(std::string_view bytes) {
   constexpr char kStartOfScan = '\xDA';
   constexpr std::string_view kEnd = "\xFF\xD9";
@@ -42,7 +42,8 @@ bool JpegIsCutShort(std::string_view bytes) {
   return true;
 }
 
-// Chunks of a length, a name, data and a checksum each.
+// Returns whether a PNG is truncated. It consists of chunks of a length, a name, data and a
+// checksum each.
 bool PngIsCutShort(std::string_view bytes) {
   for (size_t at = 8; at + 12 <= bytes.size();) {
     const size_t end = at + 12 + BigEndian(bytes.substr(at, 4));
@@ -52,7 +53,7 @@ bool PngIsCutShort(std::string_view bytes) {
   return true;
 }
 
-// Decoders fill the rest of a file that ends too soon with gray and say nothing.
+// Returns whether a file is truncated: decoders silently fill the rest of the image with gray.
 bool IsCutShort(std::string_view bytes) {
   if (bytes.substr(0, 2) == "\xFF\xD8") return JpegIsCutShort(bytes);
   if (bytes.substr(0, 4) == "\x89PNG") return PngIsCutShort(bytes);

@@ -1,4 +1,4 @@
-// What photographs say of where they were taken, as priors.
+// Reads priors from the tags of photographs.
 
 #include <algorithm>
 #include <cmath>
@@ -26,18 +26,20 @@ using Eigen::Vector3d;
 // Barometers, geoids and ellipsoids that are taken for each other make heights that uncertain: a
 // sigma that is too small costs more than one that is too large.
 constexpr double kGnssSigma = 3, kPhoneSigma = 8, kHeightSigma = 20;
-// The reach of a map's frame and of time stamps that RTK's own deviations leave out.
+// The least sigma with RTK: errors of a map's frame and of time stamps, which RTK's own deviations
+// leave out.
 constexpr double kLeastRtkSigma = 0.05;
-// Nothing is known of a height without altitude: all of the earth's land is within so much.
+// The standard deviation of a height that is not known: all of the earth's land is within this.
 constexpr double kUnknownHeightSigma = 3000;
 // A circle of the radius that cameras state holds two thirds of all errors, of both axes.
 constexpr double kSigmaOfError = 1 / 1.5;
-// Devices without RTK that state less are wrong.
+// Devices without RTK that state smaller errors than this are wrong.
 constexpr double kLeastStatedSigma = 0.5;
-// Of gimbals' tilts and compasses; where north is magnetic, declination comes to it.
+// Standard deviations of gimbals' tilts and compasses; where north is magnetic, declination adds to
+// them.
 constexpr double kTiltSigmaDeg = 2, kGimbalHeadingSigmaDeg = 10, kHeadingSigmaDeg = 15,
                  kMagneticSigmaDeg = 25;
-// What makers of drones say of their lasers.
+// Errors that makers of drones state for their lasers.
 constexpr double kRangeSigma = 0.2, kRangeSigmaPerMeter = 0.0015;
 
 Vector3d SigmaOfAcross(double across_m) {

@@ -94,7 +94,7 @@ LogRange RangeOf(std::span<const float> depths) {
   return range.least <= range.largest ? range : LogRange{};
 }
 
-// The median of left, upper and left + upper - upper left, which looks at edges.
+// Returns the median of left, upper and left + upper - upper left, which predicts across edges.
 int Predicted(std::span<const int> ranks, int width, size_t i) {
   const auto column = static_cast<int>(i % static_cast<size_t>(width));
   const bool has_upper = i >= static_cast<size_t>(width);
@@ -104,7 +104,7 @@ int Predicted(std::span<const int> ranks, int width, size_t i) {
   return std::clamp(left + upper - corner, std::min(left, upper), std::max(left, upper));
 }
 
-// Differences modulo 2^16 by their size: 0, -1, 1, -2, ...
+// Numbers differences modulo 2^16 by their size: 0, -1, 1, -2, ...
 uint16_t Folded(int difference) {
   const auto wrapped = static_cast<int16_t>(difference);
   return static_cast<uint16_t>(wrapped >= 0 ? 2 * wrapped : -2 * wrapped - 1);
@@ -242,8 +242,8 @@ struct Levels {
   float ValueOf(uint8_t level) const { return least + step * static_cast<float>(level); }
 };
 
-// The eight bits of COLMAP's databases where values fit, which are steps of a 512th; else steps from
-// the least to the largest value.
+// Returns the eight bits of COLMAP's databases where values fit, which are steps of a 512th; else
+// steps from the least to the largest value.
 Levels BytesFor(const Eigen::MatrixXf& values) {
   constexpr float kColmapStep = 1.0f / 512;
   const float least = values.minCoeff(), largest = values.maxCoeff();
@@ -251,7 +251,8 @@ Levels BytesFor(const Eigen::MatrixXf& values) {
   return {least, std::max((largest - least) / 255, std::numeric_limits<float>::min()), 256};
 }
 
-// Uniform levels with the least squared error (Max 1960): large values are rare and are cut off.
+// Returns uniform levels with the least squared error (Max 1960): large values are rare and are cut
+// off.
 Levels CompactFor(const Eigen::MatrixXf& values) {
   constexpr int kTrials = 16;
   const float reach = std::max(values.cwiseAbs().maxCoeff(), std::numeric_limits<float>::min());

@@ -1,4 +1,4 @@
-// Depth maps and features as a packed map keeps them.
+// Encodes depth maps and features for packed maps.
 
 #pragma once
 
@@ -12,7 +12,8 @@
 
 namespace raylift {
 
-// Depth in steps of its logarithm, 65535 of them between the least and the largest z of the map:
+// Encodes depth in steps of its logarithm, 65535 of them between the least and the largest z of the
+// map:
 //
 //   z = exp(a + (b - a) (code - 1) / 65534),   code 0: no surface.
 //
@@ -25,13 +26,14 @@ std::string EncodeDepth(const DepthMap& map);
 DepthMap DecodeDepth(const std::filesystem::path& file, const std::string& name,
                      std::string_view bytes);
 
-// Pixels and scores as hloc's files hold them (float32; of kCompact pixels in steps of a 65535th of
-// the longer side, and no scores), and descriptors as `precision` says.
+// Encodes pixels and scores as hloc's files hold them (float32; with kCompact pixels in steps of a
+// 65535th of the longer side, and no scores), and descriptors in `precision`.
 std::string EncodeFeatures(const Features& features, DescriptorPrecision precision);
 Features DecodeFeatures(const std::filesystem::path& file, const std::string& name,
                         std::string_view bytes);
 
-// Bytes by zlib, and back to so many; InputError where they are damaged.
+// Compress bytes by zlib, and decompress them to this size; throw InputError where they are
+// damaged.
 std::string Deflated(std::string_view bytes);
 std::string Inflated(const std::filesystem::path& file, const std::string& name,
                      std::string_view deflated, size_t size);

@@ -1,5 +1,5 @@
-// A scene in one file, to be localized in elsewhere: references with their poses, their depth and
-// features, what they are retrieved by, and what was learned of the scene.
+// A packed map is a scene in one file, for localization elsewhere: references with their poses,
+// their depth and features, the vectors for retrieval, and the scene's calibration.
 //
 // The file is a ZIP archive of stored entries that is mapped into memory; an entry is read, against
 // its checksum, when it is asked for:
@@ -32,24 +32,24 @@
 
 namespace raylift {
 
-// What references are retrieved by: a D x K vocabulary, whose words are columns, and a vector for
-// each reference, in their order.
+// The data for retrieval: a D x K vocabulary, whose words are columns, and a vector for each
+// reference, in their order.
 struct PackedRetrieval {
   Eigen::MatrixXf words;
   Eigen::MatrixXf vectors;
 };
 
-// JSON's numbers are exact up to here.
+// The largest seed, up to which JSON's numbers are exact.
 inline constexpr uint64_t kMaxMapSeed = uint64_t{1} << 53;
 
-// Features that are those of the built-in front end.
+// The name of the built-in front end's features.
 inline constexpr const char* kRootSift = "rootsift";
 
 struct MapHeader {
   DescriptorPrecision descriptors = DescriptorPrecision::kBytes;
   std::string features = kRootSift;  // or what else they are
   uint64_t seed = 0;                 // of the vocabulary
-  // What a specification of the depth says of its sampling, as ",first_sample_px=0"; may be empty.
+  // Keys of the depth's specification on its sampling, as ",first_sample_px=0"; may be empty.
   std::string depth_keys = {};
   std::string crs = {};  // as --crs takes it; may be empty
 };
@@ -78,10 +78,10 @@ class PackedMap {
   bool HasFeatures(const std::string& reference) const;
   // nullopt where no reference has features.
   std::optional<PackedRetrieval> ReadRetrieval() const;
-  // JSON of the scene's calibration; empty where there is none.
+  // Returns the JSON of the scene's calibration; empty where there is none.
   std::string ReadCalibration() const;
 
-  // A reference's entries as they are, to be copied; empty where it has none.
+  // Return a reference's entries as they are, to be copied; empty where it has none.
   std::string DepthBytes(const std::string& reference) const;
   std::string FeatureBytes(const std::string& reference) const;
 
@@ -93,12 +93,12 @@ class PackedMap {
 // Returns the map; null where a file is none.
 std::shared_ptr<const PackedMap> OpenPackedMap(const std::filesystem::path& file);
 
-// What a map is written of. Entries are asked for one after the other.
+// The contents of a map to be written. Entries are asked for one after the other.
 struct MapContents {
   MapHeader header;
   std::vector<PosedImage> references = {};  // sorted by name
   std::string calibration = {};             // may be empty
-  // The entries of a reference, encoded (map_codec.h), and whether it has them.
+  // Return the entries of a reference, encoded (map_codec.h); the flags tell whether it has them.
   std::vector<bool> has_depth = {};
   std::vector<bool> has_features = {};
   std::function<std::string(size_t reference)> depth = nullptr;
@@ -106,7 +106,8 @@ struct MapContents {
   std::optional<PackedRetrieval> retrieval = std::nullopt;
 };
 
-// The file appears complete or not at all: whoever reads the former one goes on reading it.
+// Writes a map. The file appears complete or not at all; a process that reads the former one goes
+// on reading it.
 void WritePackedMap(const std::filesystem::path& file, const MapContents& contents);
 
 }  // namespace raylift

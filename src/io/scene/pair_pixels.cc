@@ -40,7 +40,7 @@ Eigen::Vector2d PixelAt(const ArrayFile& arrays, const std::string& name, const 
   return pixel;
 }
 
-// A score of each match, or none.
+// Returns a score for each match; empty where the file has none.
 std::vector<double> Scores(const ArrayFile& arrays, size_t count) {
   for (const char* name : kScoreNames) {
     if (!arrays.Has(name)) continue;

@@ -1,5 +1,5 @@
-// The matches of one pair of images as pixels, in numpy's files: what dense and learned matchers
-// (RoMa, LoFTR, MASt3R, SuperGlue, LightGlue) leave where no features are shared between pairs.
+// Reads the matches of one pair of images as pixels from numpy's files, as dense and learned
+// matchers (RoMa, LoFTR, MASt3R, SuperGlue, LightGlue) write them where pairs share no features.
 //
 //   NPY  N x 4 numbers, x and y in the first image, then in the second; a fifth column is a score
 //   NPZ  `matches`, or any name where it is the only array: the same
@@ -19,8 +19,8 @@
 namespace raylift {
 
 struct PairPixels {
-  // Row by row what is matched, as it stands in the file: where the first pixel's center is, is not
-  // known here.
+  // Matched pixels, row by row, as they stand in the file: the position of the first pixel's center
+  // is not known here.
   std::vector<Eigen::Vector2d> first_px, second_px;
   std::vector<double> scores;  // empty where there are none
   bool is_half = false;        // pixels are float16, which has steps of 0.5 from 512 on

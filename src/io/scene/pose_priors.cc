@@ -1,4 +1,4 @@
-// The file of pose priors.
+// Reads and writes the file of pose priors.
 
 #include "raylift/io/pose_priors.h"
 
@@ -78,7 +78,8 @@ auto AtLine(const LineTokens& tokens, const Work& work) {
   }
 }
 
-// A point of another system in the world, with standard deviations along its axes.
+// Returns the prior of a point in another system, in the world, with standard deviations along the
+// world's axes.
 PositionPrior PriorReader::InWorld(const Vector3d& point, const Vector3d& sigma_m,
                                    const std::string& crs) {
   if (!world_)

@@ -1,5 +1,5 @@
-// Writing of pose problems: one match per line, numbers in their shortest form that reads back as
-// the same double, so that equal problems give equal bytes.
+// Writes pose problems: one match per line, numbers in their shortest form that reads back as the
+// same double, so that equal problems give equal bytes.
 
 #include <algorithm>
 #include <cmath>
@@ -95,12 +95,12 @@ std::string ListText(const std::vector<Value>& values, ListLayout layout, const 
   return text + (in_lines ? "\n]" : "]");
 }
 
-// A member on a line of its own, behind others.
+// Returns a member on a line of its own, behind others.
 std::string MemberText(std::string_view name, const std::string& value) {
   return fmt::format(",\n\"{}\": {}", name, value);
 }
 
-// A member with a value or null per match; nothing where no match has one.
+// Returns a member with a value or null per match; nothing where no match has one.
 template <typename Match, typename Value>
 std::string ColumnText(std::string_view name, const std::vector<Match>& matches,
                        std::optional<Value> Match::*member, ListLayout layout) {
@@ -163,8 +163,8 @@ std::string ReferenceSigmasText(const ReferenceSigmas& sigmas) {
   return members.empty() ? "" : MemberText("reference_sigmas", '{' + members + '}');
 }
 
-// Which keypoints the matches are of: also where a reader would find them by equal pixels, as other
-// readers need not know that.
+// Returns the keypoints of the matches, also where a reader would find them by equal pixels, as
+// other readers need not do so.
 std::string ExtraText(const PoseProblem& problem) {
   PoseProblem complete = problem;
   AssignKeypointsByPixel(complete);

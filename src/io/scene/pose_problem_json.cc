@@ -1,4 +1,4 @@
-// Reading of pose problems; writing is in pose_problem_format.cc.
+// Reads pose problems; they are written in pose_problem_format.cc.
 
 #include "raylift/io/pose_problem_json.h"
 
@@ -45,7 +45,7 @@ PosedImage ReadReference(const JsonPlace& place) {
           ReadPose(place.Member("cam_from_world"))};
 }
 
-// `what` has an s behind it where there are several.
+// Reads an index; `what` gets an s behind it where there are several.
 int ReadIndex(const JsonPlace& place, std::string_view what, size_t count) {
   const int index = place.Int();
   if (index < 0 || static_cast<size_t>(index) >= count) {
@@ -119,7 +119,8 @@ void ReadQueryKeypoint(const JsonPlace& place, Match& match) {
   match.query_keypoint = ReadKeypoint(place);
 }
 
-// "keypoint" is of both kinds of matches where "keypoint_2d3d" is missing.
+// Reads the member "extra". "keypoint" is of both kinds of matches where "keypoint_2d3d" is
+// missing.
 void ReadExtra(const JsonPlace& extra, PoseProblem& problem) {
   std::vector<Match2D2D>& pairs = problem.matches_2d2d;
   std::vector<Match2D3D>& points = problem.matches_2d3d;

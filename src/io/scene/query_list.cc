@@ -1,4 +1,4 @@
-// Query lists, image lists, pose files and lists of views.
+// Reads and writes query lists, image lists, pose files and lists of views.
 
 #include "raylift/io/query_list.h"
 
@@ -31,7 +31,8 @@
 namespace raylift {
 namespace {
 
-// `*` and `?` as in the shell; brackets and backslashes stand for themselves.
+// Returns the files that match a pattern with `*` and `?` as in the shell; brackets and backslashes
+// stand for themselves.
 std::vector<std::filesystem::path> MatchingFiles(const std::filesystem::path& pattern) {
   std::string escaped;
   for (const char c : pattern.string()) {
@@ -62,7 +63,7 @@ std::vector<std::filesystem::path> ListedFiles(const std::filesystem::path& path
   return files;
 }
 
-// The guess for photographs whose camera is not known.
+// The uncertainty of the focal length that is guessed for photographs of an unknown camera.
 constexpr double kGuessedFocalRange = 2;
 // EXIF rounds to whole millimeters, does not say whether the diagonal or the width is meant (4 %
 // apart at 4:3) nor that a 4:3 sensor's image was cropped to 16:9 (9 %), and nominal focal lengths
@@ -89,7 +90,7 @@ std::optional<Camera> CalibratedCamera(const PlaneSize& size, const LensTags& le
   const auto& [fx, fy, dx, dy, k1, k2, p1, p2, k3] = *lens.calibration;
   const double scale = lens.taken_width_px ? size.width_px / *lens.taken_width_px : 1;
   const double by_film = FocalLengthByFilm(size, lens).value_or(scale * fx);
-  // Of infinite numbers the ratio is none.
+  // Infinite numbers have no ratio.
   const double off = std::abs(std::log(scale * fx / by_film));
   if (!(off <= std::log(kExifFocalRange)) || !std::isfinite(scale * fy)) return std::nullopt;
   const double x = 0.5 * size.width_px + scale * dx, y = 0.5 * size.height_px + scale * dy;
@@ -98,7 +99,7 @@ std::optional<Camera> CalibratedCamera(const PlaneSize& size, const LensTags& le
   return Camera(CameraModel::kFullOpenCv, size.width_px, size.height_px, params);
 }
 
-// A camera that was calibrated, with what the line says of how well.
+// Reads a calibrated camera, and its focal_sigma where the line has one.
 void ReadCamera(LineTokens& tokens, Query& query) {
   query.camera = tokens.CameraToEnd("focal_sigma");
   if (tokens.AtEnd()) return;
@@ -138,7 +139,7 @@ bool HasPictureExtension(const std::filesystem::path& file) {
          kExtensions.end();
 }
 
-// All photographs in a folder and below it, by name.
+// Returns all photographs in a folder and below it, by name.
 std::vector<Query> QueriesBelow(const std::filesystem::path& folder,
                                 const std::filesystem::path& images) {
   const std::filesystem::path root =
@@ -162,7 +163,7 @@ std::vector<Query> QueriesBelow(const std::filesystem::path& folder,
 
 using std::filesystem::path;
 
-// A camera of a rig, by how its photographs' names begin.
+// A camera of a rig with the prefix of its photographs' names.
 struct PrefixedCamera {
   size_t rig = 0;
   int sensor = 0;
@@ -212,7 +213,7 @@ CamerasByPrefix ReadRigConfig(const path& file) {
   return by_prefix;
 }
 
-// By the longest prefix that the name has.
+// Returns the mount of the longest prefix that the name has.
 std::optional<RigMount> MountOf(const std::string& name, const CamerasByPrefix& by_prefix) {
   const std::pair<const std::string, PrefixedCamera>* best = nullptr;
   for (const auto& camera : by_prefix) {
@@ -226,7 +227,7 @@ std::optional<RigMount> MountOf(const std::string& name, const CamerasByPrefix& 
                   .cam_from_rig = camera.cam_from_rig};
 }
 
-// The places of a model's images, by their names.
+// Reads the mounts of a model's images, by their names.
 std::map<std::string, RigMount> ReadMounts(const path& folder) {
   const ColmapModel model = ReadColmapModel(folder);
   if (model.frames.empty()) {

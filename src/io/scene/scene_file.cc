@@ -103,7 +103,7 @@ class SceneReader {
   SceneFile scene_;
 };
 
-// As seen from a folder, whatever links lead to either.
+// Returns a path relative to a folder, whatever links lead to either.
 path RelativeTo(const path& folder, const path& target) {
   std::error_code error;
   const path canonical = std::filesystem::weakly_canonical(target, error);
@@ -111,7 +111,7 @@ path RelativeTo(const path& folder, const path& target) {
   return canonical.lexically_relative(std::filesystem::weakly_canonical(folder));
 }
 
-// Lines of a name and one more token.
+// Reads lines of a name and one more token.
 template <typename Value, typename Parse>
 std::map<std::string, Value> ReadByName(const path& file, std::string_view field, Parse parse) {
   std::map<std::string, Value> values;

@@ -1,4 +1,4 @@
-// Poses for other tools: trajectories (evo, rpg_trajectory_evaluation, rerun), and kapture's
+// Writes poses for other tools: trajectories (evo, rpg_trajectory_evaluation, rerun), and kapture's
 // folders.
 
 #pragma once
@@ -27,15 +27,15 @@ std::optional<double> TimeInName(const std::string& name);
 // century have in seconds, milli-, micro- and nanoseconds.
 double SecondsPerTick(double latest);
 
-// TUM's: lines `time tx ty tz qx qy qz qw`, in the given order.
+// Writes TUM's format: lines `time tx ty tz qx qy qz qw`, in the given order.
 void WriteTumTrajectory(const std::filesystem::path& path, std::span<const TimedPose> poses);
 
 // Reads it back; `#` comments and empty lines are skipped. Throws InputError for anything else, for
 // a file without poses, and for times that do not grow.
 std::vector<TimedPose> ReadTumTrajectory(const std::filesystem::path& path);
 
-// KITTI's: a line per pose, the upper three rows of its matrix, row by row; times and names have no
-// place in it.
+// Writes KITTI's format: a line per pose, the upper three rows of its matrix, row by row; it has no
+// times and names.
 void WriteKittiTrajectory(const std::filesystem::path& path, std::span<const TimedPose> poses);
 
 // Writes posed images as a kapture data set (format 1.1): sensors.txt, trajectories.txt and

@@ -17,19 +17,19 @@
 
 namespace raylift {
 
-// A value and where it is. Children point to their parent, which must outlive them, as the document
+// A value and its place. Children point to their parent, which must outlive them, as the document
 // must.
 class JsonPlace {
  public:
-  // A member; fails where it is missing or where this is no object.
+  // Returns a member; throws where it is missing or where this is no object.
   JsonPlace Member(std::string_view name) const&;
   JsonPlace Member(std::string_view name) && = delete;
   bool Has(std::string_view name) const;
-  // Fails where this is no object, or has a member of another name.
+  // Throws where this is no object, or has a member of another name.
   void ExpectMembers(std::initializer_list<std::string_view> names) const;
   JsonPlace At(size_t index) const&;
   JsonPlace At(size_t index) && = delete;
-  // The length of an array; fails where this is none.
+  // Returns the length of an array; throws where this is none.
   size_t ArraySize() const;
   void ExpectArraySize(size_t size) const;
 
@@ -47,7 +47,7 @@ class JsonPlace {
     for (int i = 0; i < N; ++i) vector[i] = At(static_cast<size_t>(i)).Number();
     return vector;
   }
-  // Four numbers, w first, of length 1.
+  // Returns a rotation from four numbers, w first, of length 1.
   Eigen::Quaterniond Rotation() const;
 
   // Throws InputError "FILE: PATH: MESSAGE".

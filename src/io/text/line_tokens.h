@@ -1,4 +1,4 @@
-// The tokens of one line, taken one after the other and named in messages.
+// Takes the tokens of one line one after the other, and names them in messages.
 
 #pragma once
 
@@ -24,18 +24,18 @@ class LineTokens {
   LineTokens(const LineReader& lines, std::string_view line) : lines_(&lines), rest_(line) {}
 
   bool AtEnd();
-  // The next token; fails where the line ends.
+  // Returns the next token; throws where the line ends.
   std::string_view Token(std::string_view field);
-  // The same; in double quotes it may hold blanks.
+  // Returns the next token; in double quotes it may hold blanks.
   std::string_view Name(std::string_view field = "name");
   double Double(std::string_view field) { return lines_->Double(Token(field), field); }
   uint64_t Uint64(std::string_view field) { return lines_->Uint(Token(field), field); }
   uint32_t Uint32(std::string_view field);
   int Int(std::string_view field);
-  // All that is left, without blanks at its ends.
+  // Returns the rest of the line, without blanks at its ends.
   std::string_view Rest();
   bool NextStartsWith(std::string_view start) { return !AtEnd() && rest_.starts_with(start); }
-  // Fails where there are tokens left.
+  // Throws where there are tokens left.
   void ExpectEnd();
   [[noreturn]] void Fail(std::string_view message) const { lines_->Fail(message); }
 
@@ -47,15 +47,15 @@ class LineTokens {
     }
     return vector;
   }
-  // A standard deviation of a focal length as a share of it.
+  // Returns the standard deviation of a focal length as a share of it.
   double FocalSigma();
-  // Four numbers, w first, not normalized but not all zero.
+  // Reads four numbers, w first, not normalized but not all zero.
   Eigen::Vector4d Quaternion(std::string_view field);
 
-  // "QW QX QY QZ TX TY TZ", with a quaternion of length 1.
+  // Reads "QW QX QY QZ TX TY TZ", with a quaternion of length 1.
   Rigid3 Pose();
 
-  // "MODEL WIDTH HEIGHT PARAMS..." up to the end of the line, or up to this word.
+  // Reads "MODEL WIDTH HEIGHT PARAMS..." up to the end of the line, or up to this word.
   Camera CameraToEnd(std::string_view end = {});
 
  private:
@@ -70,7 +70,7 @@ class LineTokens {
 // with `#`. Throws InputError for a name that would not read back.
 std::string NameText(const std::filesystem::path& file, const std::string& name);
 
-// The seven numbers of LineTokens::Pose().
+// Returns the seven numbers of LineTokens::Pose().
 std::string FormatPose(const Rigid3& pose, std::string_view separator = " ");
 
 // Returns the unit quaternion, nullopt if the length is not 1 within the tolerance. One that is of

@@ -1,4 +1,4 @@
-// A TOML file, read strictly: errors name the file, the line and the key ("scenes.demo.model"), and
+// Reads a TOML file strictly: errors name the file, the line and the key ("scenes.demo.model"), and
 // a key that nobody asked for is one.
 
 #pragma once
@@ -22,7 +22,7 @@ namespace raylift {
 // A table of the file: all of it, or a part, which keeps the whole.
 class TomlTable {
  public:
-  // All strings go through `expand`; the InputError that it may throw is told with its place.
+  // Is applied to all strings; an InputError that it throws is rethrown with the string's place.
   using Expand = std::function<std::string(const std::string& text)>;
 
   ~TomlTable();
@@ -31,24 +31,25 @@ class TomlTable {
 
   bool Has(std::string_view key) const;
   bool IsTable(std::string_view key) const;
-  // In alphabetical order; that of the lines is told by LineOf.
+  // Returns the keys in alphabetical order; LineOf() tells that of the lines.
   std::vector<std::string> Keys() const;
   int LineOf(std::string_view key) const;
 
-  // The value of a key, which then counts as read; none where it is not there. Throws InputError
-  // where it is of another kind.
+  // Return the value of a key, which then counts as read; nullopt where it is not there. Throw
+  // InputError where it is of another kind.
   std::optional<std::string> Text(std::string_view key);
   std::string RequiredText(std::string_view key);
   std::optional<double> Number(std::string_view key);
   std::optional<bool> Boolean(std::string_view key);
   std::optional<int64_t> Integer(std::string_view key);
-  // One value or a list, of strings, numbers and booleans; as texts. A list must not be empty.
+  // Returns one value or a list of strings, numbers and booleans, as texts. A list must not be
+  // empty.
   std::vector<std::string> Values(std::string_view key);
   std::optional<TomlTable> Table(std::string_view key);
-  // An array of tables; empty where there is none.
+  // Returns an array of tables; empty where there is none.
   std::vector<TomlTable> Tables(std::string_view key);
 
-  // The value of an enum that a text names.
+  // Returns the value of an enum that a text names.
   template <NamedEnum Enum>
   std::optional<Enum> Named(std::string_view key) {
     const auto text = Text(key);
@@ -68,16 +69,16 @@ class TomlTable {
   void TakeFields(std::span<const Field> fields, std::string_view prefix = {});
   void CheckFields(std::span<const Field> fields, std::string_view prefix = {}) const;
 
-  // The keys that were not asked for.
+  // Returns the keys that were not asked for.
   std::vector<std::string> UnreadKeys() const;
   // Throws InputError where there are any.
   void RequireAllRead() const;
 
-  // "FILE: line N: PLACE.key: message".
+  // Throws "FILE: line N: PLACE.key: message".
   [[noreturn]] void Fail(std::string_view key, std::string_view message) const;
-  // "FILE: line N: message", with the line of the key.
+  // Throws "FILE: line N: message", with the line of the key.
   [[noreturn]] void FailAtLineOf(std::string_view key, std::string_view message) const;
-  // "FILE: line N: PLACE: message", of the table as a whole.
+  // Throws "FILE: line N: PLACE: message", for the table as a whole.
   [[noreturn]] void FailHere(std::string_view message) const;
 
  private:
@@ -96,7 +97,7 @@ class TomlTable {
 // stand.
 TomlTable ReadToml(const std::filesystem::path& file, TomlTable::Expand expand = {});
 
-// The text as a TOML string, with its quotes.
+// Returns the text as a TOML string, with its quotes.
 std::string TomlString(const std::string& text);
 
 }  // namespace raylift

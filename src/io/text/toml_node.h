@@ -12,7 +12,7 @@
 
 namespace raylift {
 
-// So many tables and lists are within each other at most: more would exhaust the stack.
+// The deepest nesting of tables and lists: more would exhaust the stack.
 inline constexpr int kDeepestToml = 256;
 
 struct TomlNode {
@@ -23,15 +23,15 @@ struct TomlNode {
   std::variant<std::monostate, std::string, int64_t, double, bool, Array, Table> value;
   int line = 1;
 
-  // nullptr where the value is of another kind.
+  // Returns the value; null where it is of another kind.
   template <typename Kind>
   const Kind* As() const {
     return std::get_if<Kind>(&value);
   }
 };
 
-// Returns the table of the whole text. Throws InputError, which names the file and the line, where it
-// is no TOML or nested too deeply.
+// Returns the table of the whole text. Throws InputError, which names the file and the line, where
+// it is no TOML or nested too deeply.
 TomlNode ParseToml(const std::string& text, const std::filesystem::path& file);
 
 }  // namespace raylift

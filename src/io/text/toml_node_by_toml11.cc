@@ -29,7 +29,7 @@ bool FitsInt64(std::string digits) {
   return std::from_chars(digits.data() + prefix, end, value, base).ec == std::errc();
 }
 
-// toml11 takes what does not fit for the largest that does, without a word.
+// Returns an integer. toml11 silently replaces one that is too large by the largest that fits.
 int64_t IntegerOf(const Parsed& parsed, std::string_view key, const std::filesystem::path& file) {
   const toml::source_location place = parsed.location();
   const std::string digits = place.line_str().substr(place.column() - 1, place.region());
@@ -40,7 +40,7 @@ int64_t IntegerOf(const Parsed& parsed, std::string_view key, const std::filesys
   return parsed.as_integer();
 }
 
-// The key is that of the innermost table that the node is in.
+// Converts a node; the key is that of the innermost table that the node is in.
 TomlNode NodeOf(const Parsed& parsed, std::string_view key, const std::filesystem::path& file,
                 int depth) {
   TomlNode node;
@@ -65,7 +65,8 @@ TomlNode NodeOf(const Parsed& parsed, std::string_view key, const std::filesyste
   return node;
 }
 
-// toml11 goes as deep as the text does, and so would its stack.
+// Throws where a text is nested too deep: toml11 goes as deep as the text does, and so would its
+// stack.
 void CheckDepth(const std::string& text, const std::filesystem::path& file) {
   int depth = 0;
   for (const char letter : text) {
@@ -75,7 +76,7 @@ void CheckDepth(const std::string& text, const std::filesystem::path& file) {
   }
 }
 
-// The first of the lines that toml11 says, "[error] toml::parse_table: message".
+// Returns the first of toml11's lines, "[error] toml::parse_table: message".
 std::string_view FirstLine(std::string_view said) {
   said = said.substr(0, said.find('\n'));
   const size_t prefix = said.rfind(": ");

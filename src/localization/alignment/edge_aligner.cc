@@ -19,7 +19,7 @@ PosePrior PriorOf(const PoseProblem& problem) {
   const auto& position = problem.priors.position;
   const auto& orientation = problem.priors.orientation;
   RAYLIFT_CHECK(position && orientation);
-  // What is exact is searched for nearly so.
+  // A prior that is exact is searched with this sigma.
   constexpr double kLeastSigma = 1e-4;
   const Eigen::Quaterniond& rotation = orientation->cam_from_world;
   return {.cam_from_world = {rotation, -(rotation * position->position)},

@@ -1,5 +1,5 @@
-// Poses from the edges of a mesh in photographs, where nothing can be matched: the mesh has no
-// colors. Each photograph needs a prior of its pose.
+// Estimates poses from the edges of a mesh in photographs, where nothing can be matched as the mesh
+// has no colors. Each photograph needs a prior of its pose.
 
 #pragma once
 

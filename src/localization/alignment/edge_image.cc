@@ -12,15 +12,15 @@
 namespace raylift {
 namespace {
 
-// The derivative's scale, in pixels: the least at which a step's direction is that of its edge
+// The derivative's scale, in pixels: the least at which the direction of a step is that of its edge
 // rather than that of the pixels' grid.
 constexpr double kBlurPx = 1;
-// A gradient of noise alone has a Rayleigh distributed magnitude, of which this share is above the
+// The share of gradients of noise alone, whose magnitude is Rayleigh distributed, that exceed the
 // threshold.
 constexpr double kNoiseShare = 0.01;
-// What is as many deviations away is no edge of the scene.
+// Edges that are more deviations away than this are no edges of the scene.
 constexpr double kFarthest = 5;
-// The neighborhood that tells how often there is an edge, as a share of the longer side.
+// The neighborhood in which the rate of edges is measured, as a share of the longer side.
 constexpr double kNeighborhood = 0.2;
 
 struct Gradients {
@@ -82,7 +82,8 @@ EdgeImage::EdgeImage(const Image& gray, const Camera& camera, double sigma_px)
 }
 
 size_t EdgeImage::Direction(const Eigen::Vector2d& normal) {
-  // By a table of |y| / (|x| + |y|), an arc tangent being the dearest part of a score.
+  // Looks the angle up in a table of |y| / (|x| + |y|), as an arc tangent would dominate the cost
+  // of a score.
   constexpr size_t kSteps = 256;
   static const auto kOfFirstQuadrant = [] {
     std::array<uint8_t, kSteps + 1> directions;

@@ -1,5 +1,6 @@
-// The edges of a photograph at one size, and what each place of it says for and against an edge of
-// the scene there: how near the next edge of that direction is, against how near one is by chance.
+// Computes the edges of a photograph at one size, and the evidence of each pixel for or against an
+// edge of the scene there: how near the next edge of that direction is, against how near one is by
+// chance.
 
 #pragma once
 
@@ -17,7 +18,7 @@
 
 namespace raylift {
 
-// A pixel on an edge: where the gradient's magnitude is largest along the gradient.
+// A pixel on an edge, where the gradient's magnitude has a maximum along the gradient.
 struct EdgePixel {
   Eigen::Vector2f position_px;  // within the pixel, or next to it
   Eigen::Vector2f normal;       // unit, either way
@@ -28,19 +29,19 @@ class EdgeImage {
   // Edges have one of so many directions; those of the next ones count as alike.
   static constexpr int kDirections = 12;
 
-  // `gray` has the camera's size. Edges of the scene and of the photograph are `sigma_px` apart
-  // (standard deviation).
+  // Takes an image of the camera's size. `sigma_px` is the standard deviation of the distance
+  // between edges of the scene and of the photograph.
   EdgeImage(const Image& gray, const Camera& camera, double sigma_px);
 
   const Camera& camera() const { return camera_; }
   std::span<const EdgePixel> edges() const { return edges_; }
 
-  // How much likelier the photograph is here if it shows an edge of the scene across `normal` (any
-  // length, not 0) than if it does not, less 1: with n the density of the distance d of an edge
-  // from where the scene's is, and 2 r exp(-2 r d) that of the nearest one by chance, r of them
-  // being crossed per pixel in this neighborhood,
+  // Returns, less 1, the likelihood ratio of the photograph here if it shows an edge of the scene
+  // across `normal` (any length, not 0) and if it does not: with the density n of the distance d of
+  // an edge from where the scene's is, and 2 r exp(-2 r d) that of the nearest one by chance, r of
+  // them being crossed per pixel in this neighborhood,
   //   n(d) / (2 r) + P(the edge is beyond d) - 1.
-  // 0, which is no evidence, outside the picture.
+  // Returns 0, which is no evidence, outside the picture.
   double Evidence(const Eigen::Vector2d& pixel, const Eigen::Vector2d& normal) const {
     if (!(pixel.x() >= 0 && pixel.y() >= 0 && pixel.x() < width_ && pixel.y() < height_)) return 0;
     return evidence_[Direction(normal)]
@@ -50,7 +51,7 @@ class EdgeImage {
     return evidence_[direction][Index(x, y)];
   }
   static size_t Direction(const Eigen::Vector2d& normal);
-  // How many edges of this direction are crossed per pixel by chance.
+  // Returns how many edges of this direction are crossed per pixel by chance.
   double ChanceRate(const Eigen::Vector2d& pixel, const Eigen::Vector2d& normal) const;
 
   // Returns the edge of about this direction that is the nearest one along the unit normal, up to

@@ -14,7 +14,7 @@
 namespace raylift {
 namespace {
 
-// Where nothing says which, a piece of an edge is shown or not with equal odds.
+// The odds that a piece of an edge is shown, where nothing else is known.
 constexpr double kEvenOdds = 0.5;
 
 // Shares of edges that are shown, among which the likeliest one is looked for.
@@ -35,7 +35,7 @@ size_t CellOf(const Camera& camera, const Eigen::Vector2d& pixel) {
                              part(pixel.x(), camera.width_px()));
 }
 
-// The prior as normal equations of the step (w, v).
+// Adds the prior to the normal equations of the step (w, v).
 void AddPrior(const PosePrior& prior, const Rigid3& pose, Matrix6d& normal, Vector6d& gradient) {
   const double sigma_rad = prior.sigma_deg * std::numbers::pi / 180;
   const double of_turn = 1 / (sigma_rad * sigma_rad);
@@ -49,7 +49,7 @@ void AddPrior(const PosePrior& prior, const Rigid3& pose, Matrix6d& normal, Vect
   gradient.tail<3>() -= rotation * of_shift.cwiseProduct(shift);
 }
 
-// A distance between an edge of the scene and one of the photograph.
+// The distance between an edge of the scene and one of the photograph.
 struct Residual {
   double distance_px;
   Vector6d slope;  // d distance / d (w, v)
@@ -78,7 +78,7 @@ std::vector<Residual> ResidualsAt(const EdgeImage& image, std::span<const SceneE
   return residuals;
 }
 
-// The odds that a distance is none by chance, of those that are found.
+// Returns the probability that a distance is not by chance, among those that are found.
 double Weight(const Residual& residual, double sigma_px) {
   const double z = residual.distance_px / sigma_px;
   const double density =
@@ -86,7 +86,7 @@ double Weight(const Residual& residual, double sigma_px) {
   return density / (density + (1 - kEvenOdds) * residual.chance_rate);
 }
 
-// The deviation of those distances.
+// Returns the standard deviation of those distances.
 double SpreadOf(std::span<const Residual> residuals, double sigma_px) {
   double squares = 0;
   double weights = 0;
@@ -103,7 +103,8 @@ struct Equations {
   Vector6d gradient = Vector6d::Zero();
 };
 
-// Each weighted piece counts by its length in units of a pixel.
+// Returns the normal equations, in which each weighted piece counts by its length in units of a
+// pixel.
 Equations EquationsOf(std::span<const Residual> residuals, double sigma_px) {
   Equations equations;
   const double precision = 1 / (sigma_px * sigma_px);
@@ -115,7 +116,7 @@ Equations EquationsOf(std::span<const Residual> residuals, double sigma_px) {
   return equations;
 }
 
-// What independent pixels would give.
+// Returns the covariance that independent pixels would give.
 std::optional<Matrix6d> CovarianceOf(const Equations& equations, const PosePrior& prior,
                                      const Rigid3& pose) {
   Matrix6d normal = equations.normal;
@@ -257,7 +258,7 @@ double LeastScore(const CellScores& cells) {
 }
 
 double ChanceOfScore(double score, std::span<const double> by_chance, double times) {
-  // As many of the best tell how fast better ones become rarer.
+  // The number of the best scores that tell how fast higher ones become rarer.
   constexpr size_t kMost = 10;
   if (by_chance.size() < 3) return 1;
   const size_t num_above = std::min(kMost, by_chance.size() - 1);

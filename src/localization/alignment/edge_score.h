@@ -1,4 +1,5 @@
-// How well a photograph shows the edges of a scene from a pose, and the pose that it shows best.
+// Scores how well a photograph shows the edges of a scene from a pose, and finds the pose of the
+// best score.
 
 #pragma once
 
@@ -16,7 +17,7 @@
 
 namespace raylift {
 
-// What is known of a photograph's pose beforehand.
+// The prior of a photograph's pose.
 struct PosePrior {
   Rigid3 cam_from_world;
   // Standard deviations of the center along the world's axes and of the angles; above 0.
@@ -48,21 +49,21 @@ class EdgeViewer {
   Eigen::Vector3d translation_;
 };
 
-// The logarithm of the likelihood ratio of all pieces, weighted by their lengths: the sum of
-// log(1 + s e) with the evidence e (EdgeImage), s being the share of the scene's edges that the
+// Returns the logarithm of the likelihood ratio of all pieces, weighted by their lengths: the sum
+// of log(1 + s e) with the evidence e (EdgeImage), s being the share of the scene's edges that the
 // photograph shows, of each kind the likeliest.
 double EdgeScore(const EdgeImage& image, std::span<const SceneEdge> edges,
                  const Rigid3& cam_from_world);
 
-// The same in cells of the picture, which are taken for independent of each other: neighbors on
-// one edge are right or wrong together.
+// Scores the cells of the picture, which are taken for independent of each other: neighbors on one
+// edge are right or wrong together.
 inline constexpr int kCellsPerSide = 8;
 inline constexpr int kNumCells = kCellsPerSide * kCellsPerSide;
 using CellScores = Eigen::Array<double, kNumCells, 1>;
 CellScores EdgeScoreByCell(const EdgeImage& image, std::span<const SceneEdge> edges,
                            const Rigid3& cam_from_world);
 
-// The logarithm of the prior's density, up to a constant.
+// Returns the logarithm of the prior's density, up to a constant.
 double LogPrior(const PosePrior& prior, const Rigid3& cam_from_world);
 
 struct EdgeFit {
@@ -70,9 +71,9 @@ struct EdgeFit {
   Eigen::Matrix<double, 6, 6> covariance;  // of the step (w, v), see geometry/residuals.h
 };
 
-// Gauss-Newton, damped a little, on the distances of edges along their normals, up to `reach_px`,
-// each with the weight of its odds to be no chance; the distances' spread is estimated. nullopt
-// where the edges do not determine the pose.
+// Fits the pose by Gauss-Newton, damped a little, to the distances of edges along their normals, up
+// to `reach_px`, each weighted by the probability that it is not by chance; the distances' standard
+// deviation is estimated. nullopt where the edges do not determine the pose.
 std::optional<EdgeFit> FitEdges(const EdgeImage& image, std::span<const SceneEdge> edges,
                                 const PosePrior& prior, const Rigid3& start, double reach_px);
 
@@ -82,24 +83,25 @@ std::optional<EdgeFit> FitEdges(const EdgeImage& image, std::span<const SceneEdg
 void AddCovarianceByResampling(const EdgeImage& image, std::span<const SceneEdge> edges,
                                const PosePrior& prior, double reach_px, Rng& rng, EdgeFit& fit);
 
-// How often chance shows a scene's edges in a photograph as well as a pose does.
+// Computes how often chance shows a scene's edges in a photograph as well as a pose does.
 
-// The probability that independent cells of no sign have as large a sum.
+// Returns the probability that independent cells of random signs have as large a sum.
 double ChanceOf(const CellScores& scores);
 
-// What the cells of a score, taken for independent, say it is at the least: all but once in 44.
+// Returns the lower bound of a score at two standard deviations (wrong once in 44), from its cells,
+// which are taken for independent.
 double LeastScore(const CellScores& cells);
 
-// The probability that a search finds a mode as good as this by chance, of which the best ones of a
-// search from so many times fewer positions are given, best first. The largest of many exceed a
-// threshold as often as a Poisson process says, by amounts that are distributed exponentially. As
-// their mean is known from so many of them alone, the exponential becomes a power. 1 where fewer
-// than three are given.
+// Returns the probability that a search finds a mode of this score by chance. `by_chance` are the
+// best scores, best first, of searches by chance from so many `times` fewer positions. The largest
+// of many exceed a threshold as often as a Poisson process says, by amounts that are distributed
+// exponentially. As their mean is known from so many of them alone, the exponential becomes a
+// power. 1 where fewer than three are given.
 double ChanceOfScore(double score, std::span<const double> by_chance, double times);
 
-// The least probability that it was chance, if it was so or not with equal odds before and a search
-// gives so good a mode with the probability p by chance: the odds are at least -e p log p (Sellke,
-// Bayarri, Berger 2001).
+// Returns the least probability that it was chance, if it was so or not with equal odds before and
+// a search gives so good a mode with the probability p by chance: the odds are at least -e p log p
+// (Sellke, Bayarri, Berger 2001).
 double LeastProbabilityOfChance(double p);
 
 }  // namespace raylift

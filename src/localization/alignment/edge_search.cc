@@ -29,7 +29,8 @@ namespace {
 // The photograph's sizes by their longer sides.
 constexpr int kCoarsePx = 320;
 constexpr int kFinestPx = 640;
-// Pieces of the scene's edges: of fewer, what is drawn decides as much as where they are.
+// The numbers of pieces of the scene's edges: with fewer of them the result depends on which are
+// drawn.
 constexpr size_t kCoarseEdges = 1500;
 constexpr size_t kFinestEdges = 3000;
 // While positions are explored the evidence is sampled in cells of so many pixels, and edges may be
@@ -40,8 +41,8 @@ constexpr double kExploreSigmaPx = 1.5;
 constexpr double kSpacingPx = 12;
 constexpr size_t kFewestPositions = 40;
 constexpr size_t kMostPositions = 250;
-// As many of the best turns of each position are moved, as many of the best poses looked at again
-// and fitted, and as many modes are left then.
+// The number of the best turns of each position that are moved, of the best poses that are scored
+// again and fitted, and of modes that are left then.
 constexpr size_t kTurnsEach = 2;
 constexpr size_t kPromising = 40;
 constexpr size_t kModesAround = 4;
@@ -49,7 +50,7 @@ constexpr size_t kAround = 24;
 constexpr size_t kModes = 6;
 // Pictures that no pose explains are looked for from so many positions each.
 constexpr size_t kChancePositions = kFewestPositions / 2;
-// As many standard deviations of the prior are looked at.
+// The number of standard deviations of the prior that are searched.
 constexpr double kFarthestTurn = 2.5;
 // Edges of the photograph are looked for so far from those of the scene.
 constexpr double kReachPx = 4;
@@ -79,7 +80,7 @@ Image Flipped(const Image& gray, NoPlace kind) {
   return flipped;
 }
 
-// The lens of such a picture, but for what it has that is not symmetric.
+// Returns the lens of such a picture, without its terms that are not symmetric.
 Camera Flipped(const Camera& camera, NoPlace kind) {
   std::vector<double> params(camera.params().begin(), camera.params().end());
   const int center = GetCameraModelInfo(camera.model()).num_focal_lengths;
@@ -90,15 +91,15 @@ Camera Flipped(const Camera& camera, NoPlace kind) {
   return {camera.model(), camera.width_px(), camera.height_px(), params};
 }
 
-// The i-th of numbers in (0, 1) that fill the space of three axes evenly: multiples of the powers
-// of 1 / g modulo 1, with g^4 = g + 1 (Roberts 2018).
+// Returns the i-th of numbers in (0, 1) that fill the space of three axes evenly: multiples of the
+// powers of 1 / g modulo 1, with g^4 = g + 1 (Roberts 2018).
 double Spread(size_t i, int axis) {
   constexpr double kRatio = 1.2207440846057596;
   const double at = 0.5 + static_cast<double>(i) * std::pow(kRatio, -1 - axis);
   return at - std::floor(at);
 }
 
-// By bisection.
+// Finds the quantile by bisection.
 double NormalQuantile(double share_below) {
   double low = -8;
   double high = 8;
@@ -125,7 +126,7 @@ EdgeImage ImageAt(const Image& gray, const Camera& camera, int side_px, double s
   return EdgeImage(Resized(gray, width, height), camera.Scaled(width, height), sigma_px);
 }
 
-// A lens that sees about all that the camera sees when it is turned by up to `turn_rad`, as
+// Returns a lens that sees about all that the camera sees when it is turned by up to `turn_rad`, as
 // sharply: places are angles from its axis.
 Camera WideCamera(const Camera& camera, double turn_rad) {
   Eigen::Array2d half = Eigen::Array2d::Zero();
@@ -141,13 +142,13 @@ Camera WideCamera(const Camera& camera, double turn_rad) {
   return {CameraModel::kSimpleRadialFisheye, size.x(), size.y(), params};
 }
 
-// A pose turned by a rotation vector and with its center moved.
+// Returns a pose that is turned by a rotation vector and whose center is moved.
 Rigid3 Moved(const Rigid3& pose, const Eigen::Vector3d& turn, const Eigen::Vector3d& shift) {
   const Eigen::Quaterniond rotation = (RotationFromVector(turn) * pose.rotation).normalized();
   return {rotation, -(rotation * (pose.OriginInSource() + shift))};
 }
 
-// Poses of one rotation whose positions have these deviations, the first none.
+// Returns poses of one rotation whose positions have these deviations, the first none.
 std::vector<Rigid3> SpreadAround(const Rigid3& pose, const Eigen::Vector3d& sigma, size_t count) {
   std::vector<Rigid3> poses = {pose};
   for (size_t i = 1; i < count; ++i) {
@@ -284,7 +285,8 @@ class Search {
     return SpreadAround(prior_.cam_from_world, std::sqrt(5.0 / 3) * prior_.sigma_position, count);
   }
 
-  // As many as spaces fill the volume of a normal distribution.
+  // Returns the number of positions at this spacing that fill the volume of the prior's normal
+  // distribution.
   size_t NumPositions(double spacing) const {
     const double volume =
         std::pow(2 * std::numbers::pi, 1.5) * prior_.sigma_position.prod() / std::pow(spacing, 3);
@@ -390,14 +392,14 @@ class Search {
   size_t num_tried_ = 0;
 };
 
-// What is searched for by chance is at least so wide that there are several places to be.
+// Widens the prior of a search by chance so that there are several places to be.
 PosePrior Widened(PosePrior prior, double turn_rad, double distance) {
   prior.sigma_deg = std::max(prior.sigma_deg, turn_rad / kRadPerDeg);
   prior.sigma_position = prior.sigma_position.cwiseMax(turn_rad * distance);
   return prior;
 }
 
-// The least scores of the modes of pictures that show no place, best first.
+// Returns LeastScore() of the modes that pictures of no place have, best first.
 std::vector<double> ScoresByChance(const std::shared_ptr<const RayCaster>& mesh, const Image& gray,
                                    const Camera& camera, const PosePrior& prior, double mode_rad,
                                    uint64_t seed) {
@@ -470,7 +472,7 @@ std::vector<AlternativePose> AlternativesOf(const FoundByEdges& found) {
   const double right = ConfidenceOf(found);
   std::vector<AlternativePose> alternatives;
   for (size_t i = 1; i < found.modes.size(); ++i) {
-    // What is less likely beforehand is no likelier than the best.
+    // A mode that is less likely by the prior is not likelier than the best.
     const double chance = std::min(ChanceOfOther(found.modes, i), 0.5);
     if (!(chance > 1 - kLocalizedConfidence)) continue;
     alternatives.push_back({found.modes[i].fit.cam_from_world, right * chance / (1 - chance)});

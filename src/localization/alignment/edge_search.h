@@ -1,4 +1,4 @@
-// The pose of a photograph in a scene of which nothing but the shape is known, from a prior.
+// Searches the pose of a photograph in a scene of which only the shape is known, from a prior.
 
 #pragma once
 
@@ -23,9 +23,9 @@ struct EdgeMode {
 
 struct FoundByEdges {
   std::vector<EdgeMode> modes;  // best first; none where the scene shows too few edges
-  // The probability that the best one is chance: at most how many poses were tried says, cells
-  // showing their edges or not with equal odds; less where the verdict hangs on it and the modes of
-  // pictures that show no place say so.
+  // The probability that the best mode is chance: at most that by the number of poses tried, cells
+  // showing their edges or not with equal odds; less where the verdict depends on it and the modes
+  // of pictures that show no place give less.
   double chance = 1;
 };
 
@@ -35,14 +35,14 @@ struct FoundByEdges {
 FoundByEdges SearchByEdges(const std::shared_ptr<const RayCaster>& mesh, const Image& gray,
                            const Camera& camera, const PosePrior& prior, uint64_t seed);
 
-// The probability that the best mode is right. The cells of the picture are taken for independent;
-// with z = sum / sqrt(sum of squares) of the differences of their scores between two modes, and Q
-// the normal distribution's tail, it is
+// Returns the probability that the best mode is right. The cells of the picture are taken for
+// independent; with z = sum / sqrt(sum of squares) of the differences of their scores between two
+// modes, and Q the normal distribution's tail, it is
 //   (1 - chance) product over the other modes of (1 - Q(z)).
 double ConfidenceOf(const FoundByEdges& found);
 
-// The other modes that lower it below that of a localized pose, each with the probability that it
-// and no other is right, the likeliest first. Their covariances are not known.
+// Returns the other modes that lower this probability below that of a localized pose, each with the
+// probability that it and no other is right, the likeliest first. Their covariances are not known.
 std::vector<AlternativePose> AlternativesOf(const FoundByEdges& found);
 
 }  // namespace raylift

@@ -17,10 +17,11 @@ namespace {
 // Scores are integers in units of 1 / kUnit: at the most 15 for a piece, so that EdgeTurns::kMost
 // of them do not overflow.
 constexpr double kUnit = 6;
-// The share of the scene's edges that a photograph shows, which the finer sizes find out.
+// The assumed share of the scene's edges that a photograph shows; the finer sizes estimate it.
 constexpr double kShown = 0.3;
 
-// Of more of them the search would take minutes, and chance alone would find a pose.
+// The most turns: with more of them the search would take minutes, and chance alone would find a
+// pose.
 constexpr double kMostTurns = 5e4;
 
 Eigen::Quaterniond Turn(double x_rad, double y_rad, double roll_rad) {

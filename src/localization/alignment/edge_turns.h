@@ -1,4 +1,5 @@
-// The turns of a camera about its center from which a photograph shows the edges of a scene best.
+// Finds the turns of a camera about its center from which a photograph shows the edges of a scene
+// best.
 
 #pragma once
 
@@ -18,8 +19,8 @@
 
 namespace raylift {
 
-// Where the borders' middles and the corners of a picture are seen: their angles from the axis, in
-// their directions.
+// Returns the directions of the middles of a picture's borders and of its corners, each as the
+// angle from the axis in its direction.
 std::vector<Eigen::Vector2d> BorderAngles(const Camera& camera);
 
 // Scores all turns up to an angle, on a grid whose cells are a pixel wide. A turn about an axis
@@ -29,13 +30,13 @@ class EdgeTurns {
  public:
   static constexpr size_t kMost = 2000;  // pieces of edges
 
-  // The image outlives this. Turns are as coarse as cells of `cell_px` pixels.
+  // The image must outlive this. Turns are as coarse as cells of `cell_px` pixels.
   EdgeTurns(const EdgeImage& image, int cell_px, double most_rad);
 
   const Camera& camera() const { return camera_; }  // whose pixels are cells
 
   double most_rad() const { return most_rad_; }
-  // The least angle of a window's side from its center.
+  // Returns the least angle of a window's side from its center.
   double ReachRad() const { return 0.5 * kWindow / camera_.MeanFocalPx(); }
 
   struct Scored {
@@ -48,7 +49,7 @@ class EdgeTurns {
   std::vector<Scored> BestOfWindows(std::span<const SceneEdge> edges,
                                     const Rigid3& cam_from_world) const;
 
-  // How many turns are scored that differ by more than edges are wide.
+  // Returns how many turns are scored that differ by more than edges are wide.
   size_t NumTried() const;
 
  private:

@@ -14,25 +14,26 @@ namespace {
 
 // Half of the pixels across a crease whose normals are averaged on either side.
 constexpr int kSide = 3;
-// What is less is rarely seen: a turn by this angle, a jump by this share of the distance.
+// The least edges, as smaller ones are rarely seen: a turn of the surface by this angle, a jump by
+// this share of the distance.
 constexpr double kLeastTurnDeg = 12;
 constexpr double kLeastJump = 0.02;
 // Edges must be this many times as strong as the median of all places, which the roughness of the
 // mesh makes.
 constexpr double kAboveRoughness = 5;
-// Every so manieth line tells the medians.
+// The medians are over every so manieth line.
 constexpr int kLinesPerMedian = 4;
-// The pieces of an edge within this distance tell its direction.
+// The direction of an edge follows from its pieces within this distance.
 constexpr int kAlongPx = 3;
 
-// A place between two pixels next to each other.
+// A position between two neighboring pixels.
 struct Crossing {
   Eigen::Vector2f place_px;
   float distance;  // of the nearer side
   SceneEdgeKind kind;
 };
 
-// The frame along one row or column.
+// The strengths of edges along one row or column of the frame.
 class Strengths {
  public:
   Strengths(const Frame& frame, bool along_x)
@@ -168,7 +169,7 @@ class CrossingFinder {
   double least_jump_ = 0, least_turn_ = 0;
 };
 
-// Crossings by the pixel that they lie in.
+// Finds crossings by the pixel that they lie in.
 class CrossingGrid {
  public:
   CrossingGrid(const std::vector<Crossing>& crossings, int width, int height)
@@ -231,7 +232,8 @@ class CrossingGrid {
   std::vector<uint32_t> first_, order_;
 };
 
-// The rays of a crossing and of a place a little further along its edge.
+// Returns the edge through a crossing, by its ray and that of a place a little further along the
+// edge.
 std::optional<SceneEdge> EdgeAt(const Crossing& crossing, const Eigen::Vector2f& tangent_px,
                                 const PixelRays& rays, const Rigid3& world_from_cam) {
   const int x = static_cast<int>(crossing.place_px.x());

@@ -1,5 +1,5 @@
-// The edges of a scene as a camera sees them: where one thing ends before another, where surfaces
-// meet at an angle, and where the scene ends before the sky.
+// Finds the edges of a scene as a camera sees them: where one surface ends before another, where
+// surfaces meet at an angle, and where the scene ends before the sky.
 
 #pragma once
 
@@ -26,7 +26,7 @@ struct SceneEdge {
   SceneEdgeKind kind;
 };
 
-// What a frame must hold for SceneEdges().
+// Returns the maps that a frame must hold for SceneEdges().
 FrameOptions FrameOfEdges();
 
 // Returns up to `most` pieces, drawn evenly from all; their lengths add up to that of all.

@@ -23,9 +23,9 @@ constexpr size_t kLeastFocalQueries = 3;
 // Refined focal lengths of a right camera differ from the given one by a few per cent at most.
 constexpr double kFocalTolerance = 0.03;
 
-// Points that so few of the matches have, or of which so few fit, compared with the pairs.
+// The least share of the matches with points, and of the points that fit, relative to the pairs.
 constexpr double kFewPoints = 0.1;
-// Pairs of which so many fit are not to blame.
+// Pairs are not to blame where this share of them fits.
 constexpr double kPairsFit = 0.2;
 
 struct Counts {

@@ -29,8 +29,8 @@ class FocalCheck {
   // Looks at none if `options` refine it anyway.
   FocalCheck(std::span<const Query> queries, const EstimatorOptions& options);
 
-  // The logarithm of how many times too long the query's focal length seems. None where it is not
-  // looked at, or the query is not localized with confidence. Thread safe.
+  // Returns ln(given / estimated focal length) of the query. nullopt where it is not checked, or
+  // the query is not localized with confidence. Thread safe.
   std::optional<double> LogFactor(size_t query, const QueryResult& result) const;
 
  private:
@@ -45,16 +45,16 @@ std::optional<std::string> WarnOfFocalLength(std::span<const double> log_factors
 // Returns what is assumed of photographs whose camera is not known.
 std::optional<std::string> WarnOfAssumedLenses(std::span<const Query> queries);
 
-// Of the queries that have a pose, which is doubtful where the geometry does not fit: where no or
-// few points come from the geometry, or few of them fit, although the 2D-2D matches do.
+// Warns where the geometry does not fit, by the queries that have a pose, which is doubtful then:
+// where no or few points come from the geometry, or few of them fit, although the 2D-2D matches do.
 std::optional<std::string> WarnOfGeometry(std::span<const LocalizedQuery> queries);
 
 // Returns both warnings, that of the geometry where it is asked for.
 std::vector<std::string> RunWarnings(std::span<const LocalizedQuery> queries,
                                      std::span<const double> log_factors, bool checks_geometry);
 
-// The quick form of the doctor during localization: it takes the matches of a few queries
-// that were made anyway, and says in one line what is suspicious.
+// The fast form of the doctor during localization: it takes the matches of a few queries that were
+// made anyway, and says in one line what is suspicious.
 
 class QuickDoctor {
  public:
@@ -62,15 +62,15 @@ class QuickDoctor {
   explicit QuickDoctor(std::span<const Query> queries);
 
   bool Wants(size_t query) const { return wanted_[query]; }
-  // So many more images could be looked at.
+  // Returns how many more images could be used.
   size_t NumMissing() const;
-  // The matches of a query that is wanted. Thread safe for different queries.
+  // Takes the matches of a query that is wanted. Thread safe for different queries.
   void Add(size_t query, std::span<const PosedImage> references,
            std::span<const Match2D2D> matches);
 
-  // A warning where another reading of the source explains the matches far better; none for SfM
-  // points, which are the references' own. `more` are matches between references that no query of
-  // these brought.
+  // Returns a warning where another reading of the source explains the matches far better; nullopt
+  // for SfM points, which are the references' own. `more` are matches between references that no
+  // query of these brought.
   std::optional<std::string> Warn(const NamedGeometry& geometry, const ReferenceSet& references,
                                   std::span<const ReferenceMatch> more, PoseConvention poses,
                                   int threads) const;

@@ -18,7 +18,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-// Both solvers are asked where both have what they need.
+// Estimates by both solvers where both have the matches that they need.
 std::optional<SolverPoses> AskSolvers(const QueryResult& result, const EstimatorOptions& estimator,
                                       const ContinuousRun& run) {
   if (JoinsAsInPaper(estimator) || !run.gate.needs_agreement ||
@@ -77,7 +77,7 @@ JoinDecision Decide(const QueryResult& result, size_t place, const GrowingScene&
   return decision;
 }
 
-// The scene as one sees it whose references may also be joined queries.
+// Returns the scene in which joined queries are references, too.
 std::shared_ptr<const Scene> WithJoined(const Scene& scene,
                                         const std::shared_ptr<const JoinedReferences>& joined) {
   auto growing = std::make_shared<Scene>(scene);

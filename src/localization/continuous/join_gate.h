@@ -1,5 +1,5 @@
-// Which localized queries may become references: those whose pose is well supported, certain, and
-// the same by points as by pairs.
+// Decides which localized queries may become references: those whose pose is well supported,
+// certain, and the same by points as by pairs.
 
 #pragma once
 
@@ -16,9 +16,9 @@ struct JoinGateOptions {
   int min_inliers_2d2d = 30;
   int min_inliers_2d3d = 20;  // where there are 2D-3D matches at all
   double max_rotation_sigma_deg = 0.5;
-  // Scene units; none: a share of the distance to what the query sees.
+  // Scene units; nullopt: a share of the distance to what the query sees.
   std::optional<double> max_position_sigma = std::nullopt;
-  // P3P and E5+1, each alone, must find poses that differ by no more than this.
+  // P3P and E5+1, each alone, must find poses that differ by no more than the limits below.
   bool needs_agreement = true;
   double max_difference_deg = 1;
   std::optional<double> max_difference_position = std::nullopt;  // as for the standard deviation
@@ -42,24 +42,25 @@ SolverPoses EstimateBySolvers(const PoseProblem& problem, const EstimatorOptions
 struct JoinEvidence {
   PoseVerdict verdict = PoseVerdict::kLocalized;
   int inliers_2d2d = 0;
-  std::optional<int> inliers_2d3d;  // none: there were no 2D-3D matches
+  std::optional<int> inliers_2d3d;  // nullopt: there were no 2D-3D matches
   double distance = 0;              // see JoinedReference
-  // Of the pose, with what other joined references pass on and half of the solvers' difference;
-  // none where the inliers do not determine the pose.
+  // The covariance of the pose, with the errors of other joined references and half of the solvers'
+  // difference; nullopt where the inliers do not determine the pose.
   std::optional<PoseCovariance> covariance;
   double rotation_sigma_deg = 0;
   double position_sigma = 0;
-  // The solvers were both asked; both found a pose.
+  // Both solvers were run. The differences are known where both found a pose.
   bool asked_solvers = false;
   std::optional<double> difference_deg;
   std::optional<double> difference_position;
 };
 
-// `solvers`: none where both were not asked, for a query without 2D-3D matches, say.
+// Collects the evidence. `solvers` is nullopt where not both were run, as for a query without 2D-3D
+// matches.
 JoinEvidence CollectEvidence(const QueryResult& result, const JoinedReferences& joined,
                              const std::optional<SolverPoses>& solvers);
 
-// Why a query may not join; empty where it may.
+// Returns why a query may not join; empty where it may.
 std::string ReasonNotToJoin(const JoinEvidence& evidence, const JoinGateOptions& options);
 
 }  // namespace raylift

@@ -14,7 +14,7 @@
 namespace raylift {
 namespace {
 
-// The linked point as a source of geometry gives it; its surface is not known.
+// Returns the linked point as a source of geometry gives it; its surface is not known.
 SurfacePoint MakeSurfacePoint(const PosedImage& reference, const Eigen::Vector3d& point_in_world) {
   const Eigen::Vector3d to_camera = reference.cam_from_world.OriginInSource() - point_in_world;
   return {.point_in_world = point_in_world,
@@ -209,7 +209,7 @@ std::vector<std::optional<SurfacePoint>> JoinedGeometry::Lift(
   auto lifted = source_->Lift(reference, asked_pixels);
   for (size_t k = 0; k < asked.size(); ++k) {
     if (!lifted[k]) continue;
-    // As far beside the ray as the pose may be wrong there.
+    // The point is as far beside the ray as the pose may be wrong there.
     const auto sigma_px = joined_->SigmaPx(reference.name, lifted[k]->point_in_world);
     if (sigma_px) {
       lifted[k]->point_sigma = *sigma_px * lifted[k]->depth_z / reference.camera.MeanFocalPx();

@@ -1,6 +1,6 @@
-// The references that continuous localization adds: queries that have been localized. What such a
-// reference knows of the scene are the 3D points that its own keypoints were localized by, and its
-// pose is uncertain: matches with it count the less, the farther its pose may move what they show.
+// The references that continuous localization adds: queries that have been localized. The geometry
+// of such a reference are the 3D points that its own keypoints were localized by. Its pose is
+// uncertain: matches with it count the less, the farther the pose's error may move their points.
 
 #pragma once
 
@@ -34,18 +34,20 @@ struct PointLink {
 
 struct JoinedReference {
   PosedImage image;
-  // Of the step (w, v) in the camera's tangent frame (geometry/residuals.h); none: not known.
+  // The covariance of the step (w, v) in the camera's tangent frame (geometry/residuals.h); nullopt
+  // where not known.
   std::optional<PoseCovariance> covariance;
   double distance = 0;  // from the camera to what it sees (median), scene units; 0: not known
   std::vector<PointLink> links;
 };
 
-// The links of a localized query: its 2D-3D inliers; of several points of one keypoint the one of
-// the median depth. In the order of their places.
+// Returns the links of a localized query: its 2D-3D inliers; of several points of one keypoint the
+// one of the median depth. They are in the order of their places.
 std::vector<PointLink> LinksOfInliers(const QueryResult& result);
 
-// The median distance of what a localized query sees: of its 2D-3D inliers, or, where it has none,
-// of the points in which the rays of its 2D-2D inliers meet. 0 where neither tells.
+// Returns the median distance of the points of a localized query: of its 2D-3D inliers, or, where
+// it has none, of the points in which the rays of its 2D-2D inliers meet. 0 where there are
+// neither.
 double SceneDistance(const QueryResult& result);
 
 class JoinedReferences {
@@ -57,7 +59,7 @@ class JoinedReferences {
   bool Contains(const std::string& name) const { return references_.contains(name); }
   size_t size() const { return references_.size(); }
 
-  // The point that a keypoint of a joined reference is linked to.
+  // Returns the point that a keypoint of a joined reference is linked to.
   std::optional<Eigen::Vector3d> LinkedPoint(const std::string& name,
                                              const Eigen::Vector2d& pixel) const;
 
@@ -82,8 +84,8 @@ class JoinedReferences {
  private:
   struct Entry {
     JoinedReference reference;
-    // By place, as sources of geometry are asked for pixels; a match with the reference repeats the
-    // pixel of the keypoint that the link is of.
+    // The links by pixel, as sources of geometry are asked for pixels; a match with the reference
+    // repeats the pixel of the keypoint that the link is of.
     KeypointsByPixel link_of_pixel;
   };
   const Entry* Find(const std::string& name) const;
@@ -94,7 +96,7 @@ class JoinedReferences {
   std::map<std::string, Entry> references_;
 };
 
-// The matches of another source, those with joined references weighed.
+// Returns the matches of another source, those with joined references weighted.
 class WeighedMatches final : public MatchSource {
  public:
   WeighedMatches(std::shared_ptr<const MatchSource> source,
@@ -112,11 +114,12 @@ class WeighedMatches final : public MatchSource {
   std::shared_ptr<const JoinedReferences> joined_;
 };
 
-// A source of geometry that knows joined references, too: their linked points, and where there is
-// none what the source says for the estimated pose (a mesh lifts from any), uncertain by that pose.
+// A source of geometry for joined references, too: it gives their linked points, and elsewhere the
+// source's points for the estimated pose (a mesh lifts from any), with the uncertainty of that
+// pose.
 class JoinedGeometry final : public GeometrySource {
  public:
-  // Of several sources only the first should give the links.
+  // Only the first of several sources should give the links.
   enum class Links { kGive, kLeaveOut };
   JoinedGeometry(std::shared_ptr<const GeometrySource> source,
                  std::shared_ptr<const JoinedReferences> joined, Links links)

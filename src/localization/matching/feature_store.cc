@@ -111,7 +111,7 @@ struct Input {
   std::string line;
 };
 
-// In the order of their names.
+// Returns the inputs in the order of their names.
 std::vector<Input> InputsOf(const std::vector<ImageFile>& images) {
   std::vector<Input> inputs;
   for (const ImageFile& image : images) {
@@ -132,7 +132,7 @@ std::string NameIn(std::string_view line) {
   return std::string(line.substr(0, size));
 }
 
-// As they are read back from the cache.
+// Extracts features, as they are read back from the cache.
 std::map<std::string, Features> Extract(std::span<const Input> inputs,
                                         const FeatureCacheOptions& options, Progress& progress) {
   const auto channels = options.extractor ? ImageChannels::kRgb : ImageChannels::kGray;
@@ -148,8 +148,8 @@ std::map<std::string, Features> Extract(std::span<const Input> inputs,
   return by_name;
 }
 
-// What a folder holds: features.h5, whose images features.inputs.txt lists, and parts in the same
-// form that were not joined with it yet. A list is written after its features.
+// The contents of a cache folder: features.h5, whose images features.inputs.txt lists, and parts in
+// the same form that were not joined with it yet. A list is written after its features.
 class Cache {
  public:
   explicit Cache(const FeatureCacheOptions& options)
@@ -194,8 +194,8 @@ class Cache {
     }
   }
 
-  // Of inputs that it holds. Of other images, which further runs may ask for, it keeps what there
-  // is.
+  // Joins the parts of these inputs. Features of other images, which further runs may ask for, are
+  // kept.
   void Join(std::span<const Input> inputs) {
     if (!has_parts_) return;
     std::map<std::string, std::string> line_of;

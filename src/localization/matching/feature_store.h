@@ -1,5 +1,5 @@
-// The features of a scene's images. Those in files are read when they are asked for, and those
-// asked for last stay in memory: a city's do not fit into it.
+// Holds the features of a scene's images. Those in files are read when they are asked for, and
+// those asked for last stay in memory: a city's do not fit into it.
 
 #pragma once
 
@@ -33,12 +33,13 @@ class FeatureStore {
   // Keeps at most so many bytes of what it reads, besides what callers hold, but always the last.
   explicit FeatureStore(size_t most_bytes = kMostBytes) : most_bytes_(most_bytes) {}
 
-  // An image of a name that is there already is left out. `stamp` tells features of other contents
-  // apart; empty where it is not known.
+  // Adds an image's features; an image of a name that is there already is left out. `stamp` tells
+  // features of other contents apart; empty where it is not known.
   void Add(const std::string& image, Features features);
   void Add(const std::string& image, std::shared_ptr<const FeatureFile> file, std::string stamp);
 
-  // The images must have been added. Thread safe; LostFile where the file does not give one.
+  // Returns an image's features. The image must have been added. Thread safe; throws LostFile where
+  // the file does not give them.
   std::shared_ptr<const ImageFeatures> Get(const std::string& image) const;
   PlaneSize SizeOf(const std::string& image) const;  // without reading the features
   const std::string& StampOf(const std::string& image) const;
@@ -61,9 +62,9 @@ class FeatureStore {
   mutable size_t bytes_ = 0;          // of these
 };
 
-// The front end's work on single images, kept on disk in hloc's layout.
+// Does the front end's work on single images, kept on disk in hloc's layout.
 
-// An image and where its file is.
+// An image and the path of its file.
 struct ImageFile {
   std::string name;
   std::filesystem::path path;
@@ -80,7 +81,7 @@ struct FeatureCacheOptions {
   std::shared_ptr<const FeatureFile> packed = nullptr;
 };
 
-// The features of all images beside those that are `known`: read from `folder`/features.h5
+// Returns the features of all images except those that are `known`: read from `folder`/features.h5
 // where that was made from the same files (by size and time of change) with the same options, else
 // extracted and written there. In both cases they are the file's, so that a second run sees the
 // same numbers as the first. What is extracted is kept as it comes: a run that ends early loses the
@@ -89,7 +90,7 @@ std::shared_ptr<const FeatureStore> ExtractOrReadFeatures(
     const std::vector<ImageFile>& images, const FeatureCacheOptions& options,
     std::map<std::string, Features> known = {});
 
-// The features of a photograph, rounded as a cache would store them.
+// Returns the features of a photograph, rounded as a cache would store them.
 Features ExtractAsStored(const Image& photograph, const FeatureCacheOptions& options);
 
 // Extracts what is not kept in the folder yet of a shard's images. The last shard to end writes

@@ -277,7 +277,7 @@ class DatabaseFiles final : public MatchFiles {
   ColmapDatabase database_;
 };
 
-// Features of every image.
+// Returns for each image of the database the references in use that it is matched with.
 RetrievalPairs PairsOf(const ColmapDatabase& database, const std::set<std::string>& in_use) {
   RetrievalPairs pairs;
   for (const std::string& image : database.ImageNames()) {

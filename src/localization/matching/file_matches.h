@@ -25,7 +25,7 @@ class KnownReferences {
  public:
   KnownReferences(const ReferenceSet& references, int top_k, const JoiningQueries& joining);
 
-  // The first `top_k` of the names, best first, that are references of this query by now.
+  // Returns the first `top_k` of the names, best first, that are references of this query by now.
   std::vector<PosedImage> Take(const std::string& query, std::span<const std::string> names) const;
   void Join(const PosedImage& localized_query);
 
@@ -47,8 +47,8 @@ class WarningSet {
   mutable std::set<std::string> warnings_;
 };
 
-// A list of pairs without those that are thinned out. InputError where it names a reference that
-// the model does not hold.
+// Reads a list of pairs without those that are thinned out. Throws InputError where it names a
+// reference that the model does not hold.
 RetrievalPairs ReadPairsInUse(const std::filesystem::path& file, const ReferenceSet& references,
                               const JoiningQueries& joining);
 // Returns the same of a list that was read from there.
@@ -66,7 +66,7 @@ std::unique_ptr<MatchSource> OpenHlocMatches(const HlocFiles& files, const Refer
 
 // Queries and references are images of the database by the names that they have elsewhere. Without
 // a list of pairs, a query's references are those that it is matched with, most inliers first.
-// InputError where the database holds none of the references.
+// Throws InputError where the database holds none of the references.
 std::unique_ptr<MatchSource> OpenDatabaseMatches(const std::filesystem::path& database,
                                                  const std::filesystem::path& pairs,
                                                  const ReferenceSet& references, int top_k,
@@ -83,7 +83,7 @@ std::unique_ptr<MatchSource> OpenDatabaseMatches(const std::filesystem::path& da
 // `pairs` ranks the references of each query; else `pairs.txt` in the folder, else the number of
 // matches with each. Equal pixels of a query are one keypoint, in whatever pair they stand, or
 // those in one cell (MatchReading). Warns of pixels outside of their image, as of resized images.
-// InputError where the folder holds no file of a pair with one of the references.
+// Throws InputError where the folder holds no file of a pair with one of the references.
 std::unique_ptr<MatchSource> OpenPairMatches(const std::filesystem::path& folder,
                                              const std::filesystem::path& pairs,
                                              const ReferenceSet& references, int top_k,

@@ -42,7 +42,7 @@ std::vector<Field> FieldsOf(FrontEndOptions& options) {
 
 namespace {
 
-// All images whose features are not known, each once.
+// Returns all images whose features are not known, each once.
 std::vector<ImageFile> ImagesOf(const FrontEndOptions& options, const ReferenceSet& references,
                                 std::span<const Query> queries) {
   std::vector<ImageFile> files;
@@ -91,7 +91,7 @@ FeatureCacheOptions CacheOf(const FrontEndOptions& options, const MapPointer& ma
           .packed = FeaturesIn(map, options)};
 }
 
-// The vectors that a map, of which these references are, has of them; nullopt where it has none.
+// Returns the vectors of these references in their packed map; nullopt where it has none.
 std::optional<VladVectors> VectorsIn(const PackedMap& map,
                                      std::span<const std::string> references) {
   auto retrieval = map.ReadRetrieval();
@@ -106,7 +106,7 @@ std::optional<VladVectors> VectorsIn(const PackedMap& map,
   return vectors;
 }
 
-// A column for each photograph.
+// Returns a column for each photograph.
 Eigen::MatrixXf Describe(std::span<const ImageFile> photographs, const FrontEndOptions& options) {
   std::vector<Eigen::VectorXf> vectors(photographs.size());
   ParallelFor(photographs.size(), options.threads, [&](size_t i) {
@@ -140,7 +140,7 @@ VladIndex IndexOf(const MapPointer& map, const std::vector<PosedImage>& referenc
   return {std::move(names), *std::move(vectors)};
 }
 
-// The references' vectors, by which those are found that look like a query.
+// The references' vectors, by which the references similar to a query are retrieved.
 class ReferenceVectors {
  public:
   // `options` and `references` must outlive it; `map` is null where they are of no packed map.

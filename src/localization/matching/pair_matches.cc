@@ -27,7 +27,7 @@
 namespace raylift {
 namespace {
 
-// Which file of a folder holds the matches of which pair. Private to localization.
+// Finds the file of a folder that holds the matches of a pair. Private to localization.
 
 struct PairFile {
   std::filesystem::path file;
@@ -36,14 +36,14 @@ struct PairFile {
 
 class PairFiles {
  public:
-  // InputError where none of the files is of a pair with one of the references.
+  // Throws InputError where none of the files is of a pair with one of the references.
   PairFiles(std::filesystem::path folder, std::span<const std::string> references);
 
-  // The files of a query by the names of the references. InputError where a file could be of more
-  // than one pair. Thread safe.
+  // Returns the files of a query by the names of the references. Throws InputError where a file
+  // could be of more than one pair. Thread safe.
   std::map<std::string, PairFile> Of(const std::string& query) const;
 
-  // The references of each query, best first, as pairs.txt lists them; none without it.
+  // Returns the references of each query, best first, as pairs.txt lists them; nullopt without it.
   const std::optional<RetrievalPairs>& listed() const { return listed_; }
   const std::filesystem::path& folder() const { return folder_; }
   std::filesystem::path ListFile() const;
@@ -200,7 +200,7 @@ void PairFiles::ReadNames(std::span<const std::string> references) {
   }
 }
 
-// Two queries may not take the same half for their name.
+// Claims a half of a file's name; two queries may not take the same half for their name.
 void PairFiles::Claim(const std::string& half, const std::string& query, const path& file) const {
   const std::lock_guard<std::mutex> lock(claims_->mutex);
   const std::string& other = claims_->query_of_half.try_emplace(half, query).first->second;
@@ -235,7 +235,7 @@ namespace {
 
 using std::filesystem::path;
 
-// From here on float16 has steps of half a pixel and more.
+// Returns whether float16 has steps of half a pixel and more at the image's far side.
 bool IsCoarseInHalf(const Camera& camera) {
   constexpr int kCoarseHalfPx = 512;
   return std::max(camera.width_px(), camera.height_px()) > kCoarseHalfPx;
@@ -284,7 +284,7 @@ class PairMatches final : public MatchSource {
     return listed == ranked_->end() ? std::vector<std::string>() : listed->second;
   }
 
-  // Those with the most matches first.
+  // Returns the references of the most matches first.
   std::vector<std::string> RankedByMatches(const Query& query,
                                            const std::map<std::string, PairFile>& files,
                                            std::map<std::string, PixelMatches>& pairs) const {

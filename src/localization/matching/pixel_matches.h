@@ -13,7 +13,7 @@
 
 namespace raylift {
 
-// Whether an image of this size has the pixel, or one that rounding moved out of it.
+// Returns whether an image of this size has the pixel, or one that rounding moved out of it.
 bool Shows(PlaneSize size, const Eigen::Vector2d& pixel);
 
 struct InsideMatches {

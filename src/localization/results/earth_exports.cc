@@ -27,7 +27,7 @@ Matrix3d WorldFromCam(const Rigid3& cam_from_world) {
   return cam_from_world.rotation.conjugate().toRotationMatrix();
 }
 
-// Of a rotation about z, then the new y, then the new x.
+// Returns the angles of a rotation about z, then the new y, then the new x.
 Json YawPitchRoll(const Matrix3d& r) {
   const double horizontal = std::hypot(r(0, 0), r(1, 0));
   const bool is_vertical = horizontal < 1e-9;
@@ -37,15 +37,15 @@ Json YawPitchRoll(const Matrix3d& r) {
           {"roll", is_vertical ? 0.0 : kDegPerRad * std::atan2(r(2, 1), r(2, 2))}};
 }
 
-// The ellipse of a covariance in east and north that holds 95 %: the square root of chi squared's
-// quantile of two degrees of freedom times the standard deviations.
+// Returns the ellipse of a covariance in east and north that holds 95 %: the square root of chi
+// squared's quantile of two degrees of freedom times the standard deviations.
 Json Ellipse(const EarthFrame::Place& place, const Eigen::Matrix2d& covariance_m2) {
   constexpr double kQuantile = 2.447746830680816;
   constexpr int kCorners = 36;
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(covariance_m2);
   const Eigen::Matrix2d half_axes =
       kQuantile * axes.eigenvectors() * axes.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal();
-  // As GeoJSON's rings turn, counter-clockwise.
+  // GeoJSON's rings turn counter-clockwise.
   const double turn = half_axes.determinant() < 0 ? -1 : 1;
   constexpr double kMetersPerDegree = 6371008.8 / kDegPerRad;
   const double shrink = std::cos(place.geographic.y() / kDegPerRad);

@@ -1,4 +1,4 @@
-// Poses and points of a scene whose place on the earth is known, for maps and AR.
+// Exports poses and points of a scene whose place on the earth is known, for maps and AR.
 
 #pragma once
 
@@ -45,7 +45,7 @@ class EarthFrame {
 // Returns the covariance of the camera's center in the world; nullopt where it is not known.
 std::optional<Eigen::Matrix3d> CenterCovariance(const PoseEstimate& estimate);
 
-// The same in square meters along east, north and up at the camera's place.
+// Returns that covariance in square meters along east, north and up at the camera's place.
 std::optional<Eigen::Matrix3d> CenterCovarianceEnu(const PoseEstimate& estimate,
                                                    const EarthFrame::Place& place);
 

@@ -44,7 +44,8 @@ class Adder {
   std::map<std::string, uint32_t> camera_ids_;
 };
 
-// The references' own model without the images that are not in use; made anew where they have none.
+// Returns the references' own model without the images that are not in use; made anew where they
+// have none.
 ColmapModel ModelOf(const ReferenceSet& references) {
   ColmapModel model;
   if (DetectColmapForm(references.model)) {

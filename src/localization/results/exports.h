@@ -1,4 +1,4 @@
-// Results for other programs, and people, to look at: a COLMAP model, a GLB, pictures.
+// Exports results for other programs, and people, to look at: a COLMAP model, a GLB, pictures.
 
 #pragma once
 
@@ -21,18 +21,18 @@
 
 namespace raylift {
 
-// Localized queries as images of a COLMAP model beside the references, for COLMAP's GUI and all
-// viewers of such models.
+// Exports localized queries as images of a COLMAP model beside the references, for COLMAP's GUI and
+// all viewers of such models.
 
-// The references in use with their SfM points, as far as their model has some, and the localized
-// queries without points of their own; where a query is also a reference, its new pose counts. Rigs
-// and frames are left out, since queries have none. A camera whose focal length was refined is its
-// query's own.
+// Returns a model of the references in use with their SfM points, as far as their model has some,
+// and of the localized queries without points of their own; where a query is also a reference, its
+// new pose counts. Rigs and frames are left out, since queries have none. A camera whose focal
+// length was refined is its query's own.
 ColmapModel LocalizedModel(const ReferenceSet& references, std::span<const Query> queries,
                            std::span<const LocalizedQuery> localized);
 
-// A scene and its cameras as one GLB (binary glTF 2.0), for Blender, MeshLab and viewers on the
-// web.
+// Writes a scene and its cameras as one GLB (binary glTF 2.0), for Blender, MeshLab and viewers on
+// the web.
 
 enum class GlbCameraKind { kReference, kLocalized, kDoubtful };
 template <>
@@ -48,27 +48,27 @@ struct GlbCamera {
 };
 
 struct GlbOptions {
-  // How far a frustum reaches, scene units. None: a twentieth of the box of all cameras, or of the
+  // The length of a frustum, scene units. nullopt: a twentieth of the box of all cameras, or of the
   // mesh where they are in one place.
   std::optional<double> frustum_size = std::nullopt;
-  // Becomes glTF's up, which is y. None: coordinates stay the world's.
+  // The direction that becomes glTF's up, which is y. nullopt: coordinates stay the world's.
   std::optional<Eigen::Vector3d> up_in_world = std::nullopt;
 };
 
-// Each camera is a node of its image's name in the group of its kind: lines from its center through
-// the corners of the image, blue for references, green for localized and orange for doubtful
-// queries, and a glTF camera (a pinhole: what is left of a lens that a GLB cannot hold). Numbers
-// are float about an origin that the outermost node holds in double. The mesh keeps its textures
-// (as JPEG) or its vertex colors, unlit; without them it is gray and lit.
+// Writes a GLB. Each camera is a node of its image's name in the group of its kind: lines from its
+// center through the corners of the image, blue for references, green for localized and orange for
+// doubtful queries, and a glTF camera (a pinhole, as a GLB cannot hold other lenses). Numbers are
+// float about an origin that the outermost node holds in double. The mesh keeps its textures (as
+// JPEG) or its vertex colors, unlit; without them it is gray and lit.
 void WriteGlb(const std::filesystem::path& path, const TriangleMesh* mesh,
               std::span<const GlbCamera> cameras, const GlbOptions& options = {});
 
-// A picture to judge a pose by: the photograph beside the mesh as seen from the estimated pose,
-// with the inliers drawn in both.
+// Draws a picture to judge a pose by: the photograph beside the mesh as seen from the estimated
+// pose, with the inliers in both.
 
-// The query must be localized and `photograph` be its RGB image. Keypoints of 2D-3D inliers are
-// drawn in the photograph, their 3D points projected by the estimated pose in the rendering: both
-// are at the same place where the pose is right.
+// Draws a localized query with its RGB image `photograph`. Keypoints of 2D-3D inliers are drawn in
+// the photograph, their 3D points projected by the estimated pose in the rendering: both are at the
+// same place where the pose is right.
 Image DrawQueryPicture(const QueryResult& result, const Image& photograph, const RayCaster& mesh,
                        int threads);
 

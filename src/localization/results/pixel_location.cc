@@ -11,7 +11,8 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// A surface that is seen nearly edge-on tells nothing of where the ray meets it.
+// The least cosine of incidence: a surface that is seen nearly edge-on does not tell where the ray
+// meets it.
 constexpr double kLeastCosine = 0.02;
 
 // Returns the variance of a point along its ray, by what the query's matches say of lifted points

@@ -1,5 +1,5 @@
-// Where in the world the surface is that a pixel of a localized photograph shows, and how sure that
-// is.
+// Locates the surface point that a pixel of a localized photograph shows, in the world, with its
+// covariance.
 
 #pragma once
 
@@ -16,7 +16,7 @@ namespace raylift {
 struct LocatedPixel {
   Eigen::Vector3d point_in_world;
   Eigen::Vector3d normal_in_world;
-  // Of the pose and the surface together; nullopt where the pose's is not known.
+  // The covariance by pose and surface together; nullopt where the pose's is not known.
   std::optional<Eigen::Matrix3d> covariance;
 };
 

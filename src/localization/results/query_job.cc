@@ -112,7 +112,7 @@ using Json = nlohmann::ordered_json;
 
 namespace {
 
-// What a line says of the scene.
+// A line of facts on the scene.
 struct SceneFacts {
   RunFacts& facts;
 };
@@ -230,7 +230,7 @@ std::vector<std::string> AllWarnings(const RunFacts& facts, std::span<const Quer
   const auto add = [&all](const auto& more) { all.insert(all.end(), more.begin(), more.end()); };
   add(of_matches);
   add(facts.input_warnings);
-  // What names the repair needs no second warning that something is wrong.
+  // Where a warning names the repair, a second one that something is wrong is left out.
   add(RunWarnings(localized, log_focal_factors,
                   facts.checks_geometry && facts.input_warnings.empty()));
   return all;

@@ -22,10 +22,10 @@
 
 namespace raylift {
 
-// The manifest of a run of localization (jobs/task_job.h) says what all queries have in
-// common, then each query that is done. Results follow from it alone.
+// The manifest of a run of localization (jobs/task_job.h): a line of facts that all queries share,
+// then a line for each query that is done. Results follow from it alone.
 
-// What all shards have in common.
+// The facts that all shards share.
 struct RunFacts {
   size_t num_references = 0;
   std::vector<GeometrySummary> geometry;
@@ -41,15 +41,15 @@ struct QueryRecord {
   std::string key = {};           // of all that its results depend on
   LocalizedQuery localized = {};  // as its diagnostics tell it
   std::string diagnostics = {};   // its line of queries.jsonl, without the line's end
-  // Of its matches, and of those of queries whose records are still to come.
+  // Warnings of its matches, and of those of queries whose records are still to come.
   std::vector<std::string> warnings = {};
   std::optional<double> log_focal_factor = std::nullopt;
-  // Of continuous localization: the reference that it has become; nullopt: it has not.
+  // For continuous localization: the reference that it has become; nullopt: none.
   std::optional<JoinedReference> joined = std::nullopt;
   std::vector<PromisedFile> files = {};  // of its own
 };
 
-// Lines of the manifest, without their ends.
+// Return lines of the manifest, without their ends.
 std::string ToJsonLine(const RunFacts& facts);
 std::string ToJsonLine(const QueryRecord& record);
 
@@ -58,27 +58,29 @@ bool IsReadableLine(const std::string& line);
 
 // Return what a manifest of readable lines holds; names are as UTF-8 has them.
 std::optional<RunFacts> FactsOf(const TaskManifest& manifest);
-// In the order of the list. All warnings are with the first record, so that it does not show which
-// query was done first.
+// Returns the records in the order of the list. All warnings are in the first record, so that the
+// order of the work does not show.
 std::vector<QueryRecord> RecordsOf(const TaskManifest& manifest);
-// The manifest of a whole run, with such records. Their times are another's matter (WriteTiming).
+// Returns the manifest of a whole run, with these records. Their times are written by WriteTiming()
+// alone.
 TaskManifest WithRecords(TaskManifest manifest, std::span<const QueryRecord> records);
 
 // Returns what the whole run has to say to its user, from records of all queries.
 std::vector<std::string> AllWarnings(const RunFacts& facts, std::span<const QueryRecord> records);
 
-// poses.txt, queries.jsonl, summary.json and timing.jsonl of records of all queries.
+// Writes poses.txt, queries.jsonl, summary.json and timing.jsonl from the records of all queries.
 void WriteResults(const std::filesystem::path& out, const RunFacts& facts,
                   std::span<const QueryRecord> records, const std::optional<RunTimes>& times);
 
-// Of results in that folder.
+// Returns the form of a job with results in that folder.
 JobForm QueryJobForm(const std::filesystem::path& out);
 
 // The names of the files of a smoothed walk's trajectory.
 struct TrajectoryFiles {
   std::string poses, covariances;
 };
-// `number`: of a list's walk, from 1 on; 0 is that of a walk by itself.
+// Returns the names for a walk: `number` counts the walks of a list from 1 on; 0 is a walk by
+// itself.
 TrajectoryFiles TrajectoryFilesOf(size_t number);
 inline constexpr const char* kWalkFile = "walk.json";
 
@@ -88,30 +90,31 @@ std::vector<std::string> WalkFilesIn(const std::filesystem::path& out);
 
 class QueryJob {
  public:
-  // `header`: JSON of all that the results depend on. Throws as TaskJob's does.
+  // Takes `header`, JSON of all that the results depend on. Throws as TaskJob's constructor does.
   QueryJob(std::span<const Query> queries, const std::string& header, const JobFolder& folder);
 
   // Returns the facts as this or another run of the same header has found them; nullopt: none has.
   const std::optional<RunFacts>& facts() const { return facts_; }
-  // Before the first Add(), as TaskJob's.
+  // Begins the manifest, before the first Add(), as TaskJob::Begin() does.
   void Begin(const RunFacts& facts);
 
-  // The queries of this shard that are not done.
+  // Returns the queries of this shard that are not done.
   std::vector<size_t> Missing() const { return job_.Missing(); }
 
   // Returns what the queries of this shard that are done have become, by their places in the list.
   std::map<size_t, std::optional<JoinedReference>> Joined() const;
 
-  // A query is done, and its files are written. Of its record, the place, the key and the name are
-  // set here, and its warnings are those of all matches so far. Thread safe.
+  // Records that a query is done and its files are written. The place, the key and the name of its
+  // record are set here, and its warnings are those of all matches so far. Thread safe.
   void Add(size_t query, QueryRecord record);
 
-  // The records of all shards, in the order of the list, once all are done; none before. Throws as
-  // TaskJob's does.
+  // Returns the records of all shards, in the order of the list, once all are done; nullopt before.
+  // Throws as TaskJob::Whole() does.
   std::optional<std::vector<QueryRecord>> Whole();
-  // After Whole(): MachineWarnings() of what it gave.
+  // Returns MachineWarnings() of what Whole() gave; to be called after it.
   std::vector<std::string> machine_warnings() const { return MachineWarnings(whole_); }
-  // After Whole(), when the results are written: the manifest becomes that of the whole run.
+  // Makes the manifest that of the whole run; to be called after Whole(), when the results are
+  // written.
   void Finish(std::span<const std::filesystem::path> results);
 
  private:

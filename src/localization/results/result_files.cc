@@ -41,7 +41,7 @@ Json LeastConfidentJson(std::span<const LocalizedQuery> queries) {
   return json;
 }
 
-// The medians of what each stage counts.
+// Returns the medians of each stage's counts.
 Json MediansJson(std::span<const LocalizedQuery> queries) {
   Json values = Json::object();
   for (const LocalizedQuery& query : queries) {
@@ -65,7 +65,7 @@ double SecondsOf(const QueryStage& stage, std::span<const LocalizedQuery> querie
   return sum;
 }
 
-// Queries of a run that was complete have none.
+// Returns whether a query has times; queries of a former run that was complete have none.
 bool HasTimes(const StageTimes& times) {
   return std::any_of(std::begin(kQueryStages), std::end(kQueryStages),
                      [&](const QueryStage& stage) { return times.*stage.milliseconds > 0; });

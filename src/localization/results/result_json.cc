@@ -15,7 +15,7 @@
 namespace raylift {
 namespace {
 
-// The median of no values is not a number, which JSON has as null.
+// Writes a median or null: that of no values is not a number.
 void MemberOrNull(JsonMembers& members, const char* name, double& median) {
   std::optional<double> known;
   if (!std::isnan(median)) known = median;

@@ -1,5 +1,5 @@
-// What the files of a run hold, in JSON both ways (base/json_members.h): `queries.jsonl`,
-// `summary.json`, `scene_calibration.json`, manifests, and what `raylift estimate` writes.
+// Converts the contents of a run's files to JSON and back (base/json_members.h): `queries.jsonl`,
+// `summary.json`, `scene_calibration.json`, manifests, and the output of `raylift estimate`.
 
 #pragma once
 
@@ -27,12 +27,12 @@ void Members(JsonMembers& members, SceneNoise& noise);
 void Members(JsonMembers& members, SceneCalibration& calibration);
 void Members(JsonMembers& members, GeometrySummary& used);
 
-// But for the pose itself: how sure it is, what it rests on, its covariance.
+// Lists all members except the pose itself: confidence, inliers, covariance.
 void Members(JsonMembers& members, PoseEstimate& estimate);
 void Members(JsonMembers& members, LocalizedQuery& query);
 
-// The member "diagnostics" is a query's line of `queries.jsonl`, which may say more than `query`
-// holds.
+// Writes or reads the member "diagnostics", a query's line of `queries.jsonl`, which may hold more
+// than `query` does.
 void MembersOfDiagnostics(JsonMembers& members, std::string& line, LocalizedQuery& query);
 
 }  // namespace raylift

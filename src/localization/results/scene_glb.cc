@@ -34,7 +34,7 @@ constexpr int kJpegQuality = 92;
 Json ToJson(const Eigen::Vector3d& v) { return Json::array({v.x(), v.y(), v.z()}); }
 Json ToJson(const Eigen::Quaterniond& q) { return Json::array({q.x(), q.y(), q.z(), q.w()}); }
 
-// glTF states vertex colors in linear light.
+// Converts vertex colors, which glTF states in linear light.
 uint16_t LinearFromSrgb(uint8_t value) {
   const double c = value / 255.0;
   const double linear = c <= 0.04045 ? c / 12.92 : std::pow((c + 0.055) / 1.055, 2.4);
@@ -49,7 +49,7 @@ std::string EncodeTexture(const path& file, const Image& texture) {
   }
 }
 
-// Linear red, green and blue.
+// Returns linear red, green and blue.
 std::array<double, 3> ColorOf(GlbCameraKind kind) {
   switch (kind) {
     case GlbCameraKind::kReference:
@@ -62,7 +62,7 @@ std::array<double, 3> ColorOf(GlbCameraKind kind) {
   return {};
 }
 
-// The JSON of a GLB and the bytes that it speaks of.
+// The JSON of a GLB and its binary data.
 class GlbFile {
  public:
   Json json = {{"asset", {{"version", "2.0"}, {"generator", "Raylift"}}}};
@@ -137,7 +137,7 @@ class GlbFile {
   std::string buffer_;
 };
 
-// One material per texture, one for triangles without.
+// Adds a mesh: one material per texture, one for triangles without.
 size_t AddMesh(const path& file, const TriangleMesh& mesh, GlbFile& glb) {
   Json attributes = {{"POSITION", glb.AddPositions(mesh.vertices)}};
   const bool textured = !mesh.textures.empty() && !mesh.texture_coordinates.empty();
@@ -203,13 +203,13 @@ Eigen::Vector3d RayThroughCorner(const Camera& camera, const Eigen::Vector2d& co
   return Eigen::Vector3d::UnitZ();
 }
 
-// glTF's cameras look along -z, y is up.
+// Returns a point in the axes of glTF's cameras, which look along -z, y up.
 Eigen::Vector3f InGlAxes(const Eigen::Vector3d& point_in_cam) {
   return {static_cast<float>(point_in_cam.x()), static_cast<float>(-point_in_cam.y()),
           static_cast<float>(-point_in_cam.z())};
 }
 
-// The frustum, and above it a triangle that says where up is in the image.
+// Adds a frustum, with a triangle above it that shows where up is in the image.
 size_t AddFrustum(const Camera& camera, double size, size_t material, GlbFile& glb) {
   const double w = camera.width_px(), h = camera.height_px();
   std::vector<Eigen::Vector3f> points = {Eigen::Vector3f::Zero()};
@@ -254,7 +254,7 @@ Eigen::Vector3d OriginOf(const TriangleMesh* mesh, std::span<const GlbCamera> ca
   return cameras.front().image.cam_from_world.OriginInSource();
 }
 
-// The nodes of all cameras of a kind; those of equal lenses share what they show.
+// Adds the nodes of all cameras of a kind; those of equal lenses share their meshes.
 Json AddCameras(std::span<const GlbCamera> cameras, GlbCameraKind kind,
                 const Eigen::Vector3d& origin, double size, GlbFile& glb) {
   const Eigen::Quaterniond cam_from_gl(0, 1, 0, 0);  // half a turn about x

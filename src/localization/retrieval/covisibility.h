@@ -1,5 +1,5 @@
-// Which references see the same points of an SfM model: hloc's covisibility clustering, and
-// retrieval by the number of shared points.
+// Finds the references that see the same points of an SfM model: hloc's covisibility clustering,
+// and retrieval by the number of shared points.
 
 #pragma once
 
@@ -17,12 +17,12 @@ namespace raylift {
 
 class Covisibility {
  public:
-  // Knows nothing: Clusters() is empty.
+  // Makes one without points: Clusters() is empty.
   Covisibility() = default;
   explicit Covisibility(const ColmapModel& model);
 
-  // The cluster of each reference: references that observe a common 3D point are in one, directly
-  // or through others of the list. Empty where the model has no points.
+  // Returns the cluster of each reference: references that observe a common 3D point are in one,
+  // directly or through others of the list. Empty where the model has no points.
   std::vector<int> Clusters(const std::vector<PosedImage>& references) const;
 
   // Returns whether an image of this name observes points.

@@ -18,7 +18,8 @@ namespace raylift {
 
 namespace {
 
-// "2 of 5 queries, e.g. a.jpg, ..."; none where there are none. All of them are an error.
+// Returns "2 of 5 queries, e.g. a.jpg, ..."; empty where there are no names. Throws InputError
+// where all queries are named.
 std::vector<std::string> WarnOf(const std::vector<std::string>& names, size_t of,
                                 std::string_view what) {
   if (names.empty()) return {};
@@ -29,7 +30,7 @@ std::vector<std::string> WarnOf(const std::vector<std::string>& names, size_t of
                       names.front(), what)};
 }
 
-// References by cameras, of those queries whose pose is known.
+// Retrieves references by cameras for the queries whose pose is known.
 Retrieval RetrieveByCameras(std::span<const Query> queries, std::span<const PosedImage> references,
                             const RetrievalOptions& options) {
   std::vector<PosedImage> posed;
@@ -121,21 +122,21 @@ Retrieval RetrieveReferences(std::span<const Query> queries, std::span<const Pos
   return retrieval;
 }
 
-// Retrieval by global descriptors from files that need not fit into memory.
+// Retrieves by global descriptors from files that need not fit into memory.
 
 namespace {
 
-// What is in memory at once: the descriptors of so many queries, two blocks of references (one in
+// The memory in use at once: the descriptors of so many queries, two blocks of references (one in
 // work, one being read), and the products of the queries with a block.
 constexpr size_t kQueryBytes = size_t{64} << 20;
 constexpr size_t kBlockBytes = size_t{16} << 20;
 
-// How many descriptors fit into `bytes`.
+// Returns how many descriptors fit into `bytes`.
 size_t CountIn(size_t bytes, Eigen::Index dimension) {
   return std::max<size_t>(1, bytes / (sizeof(float) * static_cast<size_t>(dimension)));
 }
 
-// The references in blocks; the next one is read while the last one is in work.
+// Reads the references in blocks; the next one is read while the last one is in work.
 class BlockReader {
  public:
   BlockReader(const GlobalFeatureFile& file, std::span<const std::string> names, size_t block)

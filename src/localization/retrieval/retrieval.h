@@ -1,4 +1,4 @@
-// Retrieval: which references probably show what a query shows, before any matching.
+// Retrieves the references that probably show what a query shows, before any matching.
 //
 //   vlad          images whose RootSIFT features are alike (made here)
 //   global        global descriptors that a file of hloc's layout holds: their dot products
@@ -46,27 +46,27 @@ RetrievedLists RetrieveByVlad(std::span<const Query> queries, const ReferenceSet
 
 // The parts of RetrieveReferences. The lower index is first among equals.
 
-// Dot products; references whose product is negative are left out, as hloc does. The files are read
-// in blocks: with descriptors of 4096 numbers, 128 MB hold what is in work, however many images
-// there are.
+// Retrieves by dot products; references whose product is negative are left out, as in hloc. The
+// files are read in blocks: with descriptors of 4096 numbers, 128 MB hold what is in work, however
+// many images there are.
 RetrievedLists RetrieveByGlobalFeatures(std::span<const std::string> queries,
                                         std::span<const std::string> references,
                                         const GlobalFeatureFiles& files, int top_k, int threads,
                                         bool show_progress);
 
-// The nearest cameras, the score being minus the distance of the centers.
+// Retrieves the nearest cameras, the score being minus the distance of the centers.
 RetrievedLists RetrieveByDistance(std::span<const PosedImage> queries,
                                   std::span<const PosedImage> references, double max_angle_deg,
                                   int top_k, int threads);
 
-// The score is the share of points, spread over the query's view within the range, that fall into
-// the reference's image, no farther than the range.
+// Retrieves by view frustum: the score is the share of points, spread over the query's view within
+// the range, that fall into the reference's image, no farther than the range.
 RetrievedLists RetrieveByFrustum(std::span<const PosedImage> queries,
                                  std::span<const PosedImage> references, const ViewRange& range,
                                  int top_k, int threads);
 
-// The score is the share of a grid of rays through the query's image whose surface points the
-// reference sees: in its image, from the same side and with nothing in between.
+// Retrieves by overlap: the score is the share of a grid of rays through the query's image whose
+// surface points the reference sees: in its image, from the same side and with nothing in between.
 RetrievedLists RetrieveByOverlap(std::span<const PosedImage> queries,
                                  std::span<const PosedImage> references, const RayCaster& mesh,
                                  int top_k, int threads);
@@ -75,7 +75,7 @@ inline bool IsBetter(const RetrievedReference& a, const RetrievedReference& b) {
   return a.score != b.score ? a.score > b.score : a.reference_index < b.reference_index;
 }
 
-// The best k of a list, sorted.
+// Keeps the best k of a list, sorted.
 inline void KeepBest(std::vector<RetrievedReference>* list, int k) {
   const auto count = std::min(static_cast<size_t>(std::max(0, k)), list->size());
   std::partial_sort(list->begin(), list->begin() + static_cast<std::ptrdiff_t>(count), list->end(),

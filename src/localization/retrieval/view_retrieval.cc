@@ -1,4 +1,4 @@
-// Retrieval by cameras: which references look at what a query looks at.
+// Retrieves by cameras: finds the references that look at the same part of the scene as a query.
 
 #include <algorithm>
 #include <cmath>
@@ -12,15 +12,15 @@
 namespace raylift {
 namespace {
 
-// An image's rays are those of so many pixels, spread evenly.
+// The grid of an image's pixels, spread evenly, whose rays are cast.
 constexpr int kGridColumns = 16;
 constexpr int kGridRows = 12;
-// Of a frustum: so many distances on each ray, whose neighbors have equal ratios.
+// The number of distances on each ray of a frustum; neighbors have equal ratios.
 constexpr int kRangeSteps = 5;
 // A surface point is seen where the ray at it ends so near, relative to its distance.
 constexpr double kSamePlace = 1e-3;
 
-// A camera with what is needed for every point.
+// A camera with its values that every point needs.
 struct Eye {
   explicit Eye(const PosedImage& posed)
       : image(&posed),
@@ -47,7 +47,7 @@ std::vector<Eye> EyesOf(std::span<const PosedImage> images) {
   return eyes;
 }
 
-// Unit directions of the grid's pixels; those without a ray are left out.
+// Returns unit directions of the grid's pixels; those without a ray are left out.
 std::vector<Eigen::Vector3d> RaysInWorld(const Eye& eye) {
   std::vector<Eigen::Vector3d> rays;
   for (const Eigen::Vector2d& pixel : PixelGrid(eye.image->camera, kGridColumns, kGridRows)) {
@@ -81,7 +81,7 @@ std::vector<VisiblePoint> PointsOnMesh(const Eye& eye, const RayCaster& mesh) {
   return points;
 }
 
-// The points in the image whose near side is turned to it: no more than these can be seen.
+// Returns the points in the image whose near side is turned to it: no more than these can be seen.
 std::vector<Eigen::Vector3d> Candidates(const Eye& eye, std::span<const VisiblePoint> points) {
   std::vector<Eigen::Vector3d> candidates;
   for (const VisiblePoint& point : points) {
@@ -102,8 +102,8 @@ size_t CountUnoccluded(const Eye& eye, std::span<const Eigen::Vector3d> points,
   return count;
 }
 
-// Rays are cast only at references that may be among the best: no more points can be unoccluded
-// than are in the image.
+// Casts rays only at references that may be among the best: no more points can be unoccluded than
+// are in the image.
 std::vector<RetrievedReference> MostOverlapping(const Eye& query, std::span<const Eye> references,
                                                 const RayCaster& mesh, int top_k) {
   const auto points = PointsOnMesh(query, mesh);

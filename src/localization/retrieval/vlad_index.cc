@@ -89,7 +89,7 @@ std::optional<std::string> KeyOf(std::span<const std::string> references,
   return key;
 }
 
-// A vocabulary is kept as if its words were images.
+// Returns names for words: a vocabulary is kept as if its words were images.
 std::vector<std::string> WordNames(size_t count) {
   std::vector<std::string> names;
   for (size_t i = 0; i < count; ++i) names.push_back(fmt::format("word/{:04}", i));

@@ -1,4 +1,4 @@
-// References by their VLAD vectors.
+// Retrieves references by their VLAD vectors.
 
 #pragma once
 
@@ -21,20 +21,20 @@
 
 namespace raylift {
 
-// What references are retrieved by.
+// The vocabulary and the vectors by which references are retrieved.
 struct VladVectors {
   Vocabulary vocabulary;
   Eigen::MatrixXf of_references;  // a column each
 };
 
-// The vocabulary is learned from the references alone, so that a query's references do not depend
-// on the other queries. All references must be in `features`.
+// Computes the vectors. The vocabulary is learned from the references alone, so that a query's
+// references do not depend on the other queries. All references must be in `features`.
 VladVectors ComputeVladVectors(std::span<const std::string> references,
                                const FeatureStore& features, uint64_t seed, int threads);
 
 class VladIndex {
  public:
-  // One vector for each reference.
+  // Takes one vector for each reference.
   VladIndex(std::vector<std::string> references, VladVectors vectors);
 
   const Vocabulary& vocabulary() const { return vectors_.vocabulary; }
@@ -56,19 +56,19 @@ class VladIndex {
 RetrievedLists RetrieveByVlad(const VladIndex& index, std::span<const std::string> queries,
                               const FeatureStore& features, int top_k, int threads);
 
-// The vectors by which references are retrieved, kept beside their features: learning a vocabulary
-// means to read the features of all references.
+// Keeps the vectors by which references are retrieved beside their features: learning a vocabulary
+// requires reading the features of all references.
 
-// As ComputeVladVectors() has them: read from `folder`/vlad, in hloc's layout of global features,
-// where they were made from the same features of the same references with the same seed, else
-// computed and written there. Of runs that begin at once one computes, and the others wait. Nothing
-// is kept without a folder, or where features are known that are in no file.
+// Returns the vectors of ComputeVladVectors(): read from `folder`/vlad, in hloc's layout of global
+// features, where they were made from the same features of the same references with the same seed,
+// else computed and written there. Of runs that begin at once one computes, and the others wait.
+// Nothing is kept without a folder, or where features are known that are in no file.
 VladVectors ComputeOrReadVladVectors(std::span<const std::string> references,
                                      const FeatureStore& features,
                                      const std::filesystem::path& folder, uint64_t seed,
                                      int threads);
 
-// Retrieval among references that grow: localized queries are ranked among the references that were
+// Retrieves among references that grow: localized queries are ranked among the references that were
 // retrieved for a query, by the cosines of their VLAD vectors.
 
 class JoinedRetrieval {
@@ -78,8 +78,9 @@ class JoinedRetrieval {
 
   void Join(const PosedImage& image, const Features& features);
 
-  // The `top_k` best of the retrieved references, which keep their order, and of up to `max_joined`
-  // joined queries: each stands before the first reference that is less like the query than it is.
+  // Returns the `top_k` best of the retrieved references, which keep their order, and of up to
+  // `max_joined` joined queries: each stands before the first reference that is less similar to the
+  // query.
   std::vector<PosedImage> Merge(const std::string& query, const Features& query_features,
                                 const std::vector<PosedImage>& retrieved, size_t top_k,
                                 size_t max_joined) const;
