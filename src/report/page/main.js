@@ -49,11 +49,11 @@ function rankSources() {
   return { by, places, count: ranked.length, worstFirst: [...ranked.reverse(), ...rest] };
 }
 
-// How much a finding is beyond the least that is worth a word, by length, the gravest at the top.
+// How much a finding is beyond the least that is reported, by length, the gravest at the top.
 function findingList(findings) {
   const gravest = Math.max(...findings.map((finding) => finding.severity));
   return element("ol", { class: "findings" }, ...findings.map((finding) => element("li", {}, finding.text,
-    element("i", { style: `width:${Math.max(3, (100 * finding.severity) / gravest)}%`, title: `${number(finding.severity)} times the least that is worth a word` }))));
+    element("i", { style: `width:${Math.max(3, (100 * finding.severity) / gravest)}%`, title: `${number(finding.severity)} times the least that is reported` }))));
 }
 
 function sourceSummary() {
