@@ -3,7 +3,7 @@
 #include <numbers>
 #include <utility>
 
-#include "renderers/space_order.h"
+#include "surfaces/space_order.h"
 #include <Eigen/Geometry>
 
 #include "raylift/base/error.h"

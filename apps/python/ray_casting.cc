@@ -5,7 +5,7 @@
 
 #include "apps/python/geometry_source.h"
 #include "io/text/line_tokens.h"
-#include "renderers/space_order.h"
+#include "surfaces/space_order.h"
 
 #include "raylift/base/parallel.h"
 #include "raylift/renderers/ray_caster.h"

@@ -103,8 +103,8 @@ function(raylift_add_library layer)
     # Nobody replaces the library's own functions at run time, so they may be inlined.
     target_compile_options(${target} PRIVATE -fno-semantic-interposition)
   endif()
-  # Who links the library needs neither our options nor JSON's headers.
-  list(TRANSFORM ARG_PRIVATE REPLACE "^nlohmann_json::.*" "$<BUILD_INTERFACE:\\0>")
+  # Who links the library needs neither our options nor headers that its own do not include.
+  list(TRANSFORM ARG_PRIVATE REPLACE "^(nanoflann|nlohmann_json)::.*" "$<BUILD_INTERFACE:\\0>")
   target_link_libraries(${target} PUBLIC ${ARG_PUBLIC}
     PRIVATE ${ARG_PRIVATE} $<BUILD_INTERFACE:raylift_options>)
   raylift_precompile(${target} raylift_core

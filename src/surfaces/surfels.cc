@@ -193,7 +193,7 @@ Surfels MakeSurfels(PointCloud cloud, const SurfelOptions& options) {
     points.emplace_back((point - surfels.origin_in_world).cast<float>());
   }
   std::exchange(cloud.points_in_world, {});
-  const NeighborTree tree(points, options.threads);
+  const NeighborTree tree(points);
   std::exchange(points, {});
 
   DiscMaker(tree, cloud.normals, options, surfels).MakeAll();

@@ -6,10 +6,10 @@
 #include <numbers>
 
 #include "renderers/casters.h"
-#include "renderers/space_order.h"
 #include "support/matchers.h"
 #include "support/meshes.h"
 #include "support/test_data.h"
+#include "surfaces/space_order.h"
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
 

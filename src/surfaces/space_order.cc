@@ -1,4 +1,4 @@
-#include "renderers/space_order.h"
+#include "surfaces/space_order.h"
 
 #include <algorithm>
 #include <array>
