@@ -51,7 +51,10 @@ std::string LocalizeHeader(const LocalizeFlags& flags, const std::string& option
                             .matching = flags.matching,
                             .threads = flags.run.threads},
                            scene, queries);
-  if (flags.continuous.enabled) inputs["order"] = flags.Order(queries, scene.references);
+  if (flags.continuous.enabled) {
+    const std::vector<size_t> order = flags.Order(queries, scene.references);
+    inputs["order"] = HexText(HashBytes64(fmt::format("{}", fmt::join(order, " "))));
+  }
   // Where they are written changes nothing, but whether they are must be the same for all queries.
   options["write-problems"] = !flags.write_problems.empty();
   options["report"] = !flags.report.empty();
@@ -184,12 +187,10 @@ class LocalizeRun {
             .warnings = warnings_,
             .checks_geometry = localizer.ChecksGeometry(),
             .calibration = *scene.calibration,
-            .input_warnings = known ? known->input_warnings : InputWarnings(localizer),
+            .input_warnings = known
+                                  ? known->input_warnings
+                                  : InputOrDepthWarnings(flags_, localizer.InputWarnings(), scene),
             .files = PromiseFiles(flags_.out, written.paths())};
-  }
-
-  std::vector<std::string> InputWarnings(LocalizeAll& localizer) const {
-    return InputOrDepthWarnings(flags_, localizer.InputWarnings(), localizer.scene());
   }
 
   void Localize(LocalizeAll& localizer, const std::vector<size_t>& missing, QueryJob& job) {
@@ -212,7 +213,6 @@ class LocalizeRun {
                                  .weigh = !flags_.continuous.trust_joined,
                                  .stop = &SignalGuard::stop(),
                                  .on_done = add});
-      warnings_of_continuous_ = InputWarnings(localizer);
     } else {
       localizer.Run(
           missing,
@@ -233,7 +233,6 @@ class LocalizeRun {
     }
     if (!records) return;
     RunFacts facts = *job.facts();
-    if (warnings_of_continuous_) facts.input_warnings = *warnings_of_continuous_;
     const std::optional<WalkedQueries> walked = Smooth(facts, *records);
     if (walked) {
       facts.warnings.insert(facts.warnings.end(), walked->warnings.begin(), walked->warnings.end());
@@ -281,8 +280,6 @@ class LocalizeRun {
   std::vector<Walk> walks_;
   Scene scene_;
   std::vector<std::string> warnings_;
-  // Warnings of the input, by queries that were localized one after the other.
-  std::optional<std::vector<std::string>> warnings_of_continuous_;
   std::unique_ptr<LocalizeOutput> output_;
   LapClock clock_;
   RunTimes times_;

@@ -78,7 +78,7 @@ Json FilesJson(std::span<const PromisedFile> files) {
 
 std::vector<PromisedFile> FilesOfLine(const std::string& line) {
   // Most lines promise none, and are long.
-  if (line.find(R"("files":[)") == std::string::npos) return {};
+  if (line.find(R"("files":[{)") == std::string::npos) return {};
   try {
     return FromJson<std::vector<PromisedFile>>(Json::parse(line).value("files", Json::array()));
   } catch (const Json::exception&) {

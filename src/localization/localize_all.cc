@@ -216,9 +216,6 @@ void LocalizeAll::RunContinuously(ContinuousRun run) {
   GrowingScene growing(scene(), matches_, options_.localizer, run.weigh);
   run.threads = options_.threads;
   run.on_localized = [&](size_t i, QueryResult& result) {
-    if (options_.check_input && doctor_->Wants(i)) {
-      doctor_->Add(i, result.problem.references, result.problem.matches_2d2d);
-    }
     Complete(i, growing.localizer(), result);
   };
   LocalizeContinuously(queries_, growing, run);
@@ -242,7 +239,7 @@ std::vector<std::string> LocalizeAll::MatchWarnings() const {
 std::vector<std::string> LocalizeAll::InputWarnings() {
   if (!options_.check_input) return {};
   ParallelFor(queries_.size(), options_.threads, [&](size_t i) {
-    if (options_.one_by_one || !doctor_->Wants(i)) return;
+    if (!doctor_->Wants(i)) return;
     const QueryMatches matches = cached_->Match(queries_[i]);
     doctor_->Add(i, matches.references, matches.matches);
   });

@@ -340,7 +340,7 @@ WalkedQueries SmoothQueries(std::span<const LocalizedQuery> queries,
 std::string FormatQueryDiagnostics(const WalkedQuery& query) {
   auto json = ToJson(query.localized);
   json["walk"] = ToJson(query);
-  return JsonText(json);
+  return JsonText(std::move(json));
 }
 
 void WriteWalk(const std::filesystem::path& folder, const WalkedQueries& walked) {

@@ -206,7 +206,7 @@ std::string FormatGeoPoseAnswer(const GeoPoseRequest& request, const std::string
   json["accuracy"]["position"] = position_m;
   json["accuracy"]["orientation"] = orientation_deg;
   json["type"] = "geopose";
-  json["geopose"] = camera.geopose;
+  json["geopose"] = nlohmann::ordered_json::parse(camera.geopose);
   json["scene"] = scene;
   json["verdict"] = ToString(localized.verdict());
   json["confidence"] = localized.confidence();

@@ -3,6 +3,9 @@
 #include <algorithm>
 #include <limits>
 
+#include "base/json_text.h"
+#include <nlohmann/json.hpp>
+
 #include "raylift/base/error.h"
 
 namespace raylift {
@@ -24,7 +27,7 @@ std::optional<ScenePlace::Camera> ScenePlace::CameraOf(const PoseEstimate& estim
   try {
     const Rigid3& cam_from_world = *estimate.cam_from_world;
     const auto place = earth_.At(cam_from_world.OriginInSource());
-    Camera camera{.geopose = GeoPoseOf(cam_from_world, place)};
+    Camera camera{.geopose = JsonText(GeoPoseOf(cam_from_world, place))};
     if (const auto covariance_m2 = CenterCovarianceEnu(estimate, place)) {
       camera.sigma_m = covariance_m2->diagonal().cwiseMax(0).cwiseSqrt();
     }

@@ -9,7 +9,6 @@
 
 #include "localization/results/earth_exports.h"
 #include <Eigen/Core>
-#include <nlohmann/json.hpp>
 
 #include "raylift/geometry/geodesy.h"
 #include "raylift/localization/scene.h"
@@ -33,7 +32,7 @@ class ScenePlace {
   ScenePlace(const WorldFrame& world, const ReferenceSet& references);
 
   struct Camera {
-    nlohmann::ordered_json geopose;               // OGC GeoPose 1.0, Basic-Quaternion
+    std::string geopose;                          // OGC GeoPose 1.0, Basic-Quaternion, as JSON
     std::optional<Eigen::Vector3d> sigma_m = {};  // of its center, along east, north and up
   };
   // Returns the camera's place on the earth; nullopt outside of that area of use.

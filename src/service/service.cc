@@ -52,7 +52,7 @@ struct Service::Opened {
     if (!place || !localized.localized()) return line;
     const auto camera = place->CameraOf(localized.estimate);
     if (!camera) return line;
-    return WithMember(std::move(line), "geopose", JsonText(camera->geopose));
+    return WithMember(std::move(line), "geopose", camera->geopose);
   }
 };
 

@@ -32,6 +32,7 @@ QueryRecord RandomRecord(Rng& rng) {
   const Rigid3 pose{RotationFromVector({rng.Normal(), rng.Normal(), rng.Normal()}),
                     {rng.Normal(), -0.0, rng.Normal()}};
   query.estimate.cam_from_world = pose;
+  query.estimate.position_observable = false;
   record.diagnostics = FormatQueryDiagnostics(query);
   record.joined = {.image = {query.name, LensCamera(), pose},
                    .covariance = PoseCovariance::Zero(),
@@ -71,6 +72,7 @@ TEST(QueryRecord, ReadsBackAsTheSameNumbers) {
   EXPECT_EQ(read.localized.name, record.localized.name);
   EXPECT_EQ(read.localized.counts.points_of_source, (std::vector<size_t>{3, 4}));
   EXPECT_EQ(read.localized.counts.inliers_2d2d, 77u);
+  EXPECT_FALSE(read.localized.estimate.position_observable);
   EXPECT_TRUE(IsNearPose(*read.localized.estimate.cam_from_world,
                          *record.localized.estimate.cam_from_world, 0, 0));
   const JoinedReference& a = *joined.at(1);

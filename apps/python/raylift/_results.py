@@ -465,6 +465,7 @@ class QueryLine(_QueryLine, total=False):
     geometry_noise_px: float
     cam_from_world: WrittenPose
     solver: str
+    position_observable: bool  # of a pose whose orientation alone is known: false
     score_2d3d: MatchScore
     score_2d2d: MatchScore
     ransac_value: float

@@ -91,8 +91,8 @@ class LocalizeAll {
 
   // Returns the warnings of the matches that were made so far, sorted.
   std::vector<std::string> MatchWarnings() const;
-  // Returns warnings on the reading of depth and poses, from some 30 queries, or from those that
-  // RunContinuously() has localized; empty where it is not checked.
+  // Returns warnings on the reading of depth and poses, from some 30 queries; empty where it is not
+  // checked.
   std::vector<std::string> InputWarnings();
   // Returns whether the geometry is to be judged by all results (RunWarnings()).
   bool ChecksGeometry() const;

@@ -25,13 +25,13 @@ nlohmann::json Parse(std::string_view json, const std::filesystem::path& file) {
 
 struct JsonDocument::Impl {
   Impl(std::string_view json, const std::filesystem::path& path)
-      : root(Parse(json, path)), file(path.string()) {}
+      : file(path.string()), root(Parse(json, path)) {}
   ~Impl() { Dismantle(root); }
   Impl(const Impl&) = delete;
   Impl& operator=(const Impl&) = delete;
 
+  const std::string file;  // before `root`, whose memory is let go of by the destructor alone
   nlohmann::json root;
-  std::string file;
 };
 
 JsonDocument::JsonDocument(std::string_view json, const std::filesystem::path& file)

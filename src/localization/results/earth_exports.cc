@@ -98,17 +98,22 @@ Json GeoPoseOf(const Rigid3& cam_from_world, const EarthFrame::Place& place, Geo
   cam_from_body << 0, -1, 0, 0, 0, -1, 1, 0, 0;
   const Matrix3d enu_from_body =
       place.world_from_enu.transpose() * WorldFromCam(cam_from_world) * cam_from_body;
-  Json json = {{"position",
-                {{"lat", place.geographic.y()},
-                 {"lon", place.geographic.x()},
-                 {"h", place.geographic.z()}}}};
+  Json json;
+  Json& position = json["position"];
+  position["lat"] = place.geographic.y();
+  position["lon"] = place.geographic.x();
+  position["h"] = place.geographic.z();
   if (form == GeoPoseForm::kYawPitchRoll) {
     json["angles"] = YawPitchRoll(enu_from_body);
     return json;
   }
   Eigen::Quaterniond q(enu_from_body);
   if (q.w() < 0) q.coeffs() *= -1;
-  json["quaternion"] = {{"x", q.x()}, {"y", q.y()}, {"z", q.z()}, {"w", q.w()}};
+  Json& quaternion = json["quaternion"];
+  quaternion["x"] = q.x();
+  quaternion["y"] = q.y();
+  quaternion["z"] = q.z();
+  quaternion["w"] = q.w();
   return json;
 }
 

@@ -136,6 +136,8 @@ void Members(JsonMembers& members, PoseEstimate& estimate) {
   const bool has_pose = estimate.cam_from_world.has_value();
   // Where no keypoint has a match, no solver made the pose.
   members.If(has_pose && estimate.num_keypoints > 0, "solver", estimate.solver);
+  members.If(has_pose && !estimate.position_observable, "position_observable",
+             estimate.position_observable);
   members.If(has_pose, "score_2d3d", estimate.score_2d3d);
   members.If(has_pose, "score_2d2d", estimate.score_2d2d);
   members.If(has_pose, "ransac_value", estimate.ransac_value);
