@@ -204,12 +204,13 @@ TriangleMesh CrookedHall() {
   return mesh;
 }
 
-std::vector<PosedImage> CamerasWithin(int count) {
+std::vector<PosedImage> CamerasWithin(int count, const Eigen::Vector3d& middle) {
   Rng rng = TestRng();
   std::vector<PosedImage> references;
   for (int i = 0; i < count; ++i) {
-    const Eigen::Vector3d center(rng.Uniform(-1, 1), rng.Uniform(-0.5, 0.5),
-                                 rng.Uniform(-0.5, 0.5));
+    const Eigen::Vector3d center =
+        middle +
+        Eigen::Vector3d(rng.Uniform(-1, 1), rng.Uniform(-0.5, 0.5), rng.Uniform(-0.5, 0.5));
     const double angle = 1.3 * i;
     const Eigen::Vector3d ahead(std::cos(angle), rng.Uniform(-0.8, 0.8), std::sin(angle));
     references.push_back(
@@ -219,12 +220,14 @@ std::vector<PosedImage> CamerasWithin(int count) {
 }
 
 struct SearchOptions {
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();  // where all is moved to
   MeshPlacement as_placed = {};
   int threads = 0;
 };
 std::vector<PlacedMesh> FindPlaces(const TriangleMesh& truth, const MeshPlacement& world_from_read,
                                    const SearchOptions& options = {}) {
-  const MisplacedMesh mesh(truth, CamerasWithin(12), world_from_read,
+  const MisplacedMesh mesh(Placed(truth, {.shift = options.middle}),
+                           CamerasWithin(12, options.middle), world_from_read,
                            {.matches_per_pair = 5, .as_placed = options.as_placed});
   return mesh.Search(options.threads).Find();
 }
@@ -236,7 +239,7 @@ MeshPlacement PlacementBy(const std::string& keys) {
 // By so much a placement may be worse for its keys to be simpler.
 constexpr double kFoundPx = 0.1;
 
-// The best of what is found is told from the others and has these keys exactly.
+// What is found first has these keys exactly; nothing else is as good.
 void ExpectFound(const std::string& keys, const std::string& keys_of_files,
                  const std::vector<PlacedMesh>& found) {
   ASSERT_FALSE(found.empty()) << keys;
@@ -244,16 +247,13 @@ void ExpectFound(const std::string& keys, const std::string& keys_of_files,
   EXPECT_EQ(KeysOf(found[0].from_files), keys_of_files);
   EXPECT_LT(found[0].fit.median_px, kFoundPx);
   EXPECT_GT(found[0].fit.coverage, 0.99);
-  for (size_t i = 1; i < found.size(); ++i) EXPECT_GT(found[i].fit.median_px, 5 * kFoundPx);
+  for (size_t i = 1; i < found.size(); ++i) {
+    EXPECT_GT(found[i].fit.median_px, found[0].fit.median_px);
+  }
 }
 
 TEST(MeshFrameSearch, AMeshInItsPlaceIsLeftThere) {
   ExpectFound("", "", FindPlaces(CrookedHall(), {}));
-}
-
-TEST(MeshFrameSearch, FindsAUnitWithTurnedAxes) {
-  const std::string keys = "scale=0.001,axes=x/-z/y";
-  ExpectFound(keys, keys, FindPlaces(CrookedHall(), PlacementBy(keys)));
 }
 
 TEST(MeshFrameSearch, FindsAMirrorAtAnyScale) {
@@ -261,16 +261,9 @@ TEST(MeshFrameSearch, FindsAMirrorAtAnyScale) {
   ExpectFound(keys, keys, FindPlaces(CrookedHall(), PlacementBy(keys)));
 }
 
-TEST(MeshFrameSearch, FindsTheSameTurnAndShiftWithAnyNumberOfThreads) {
-  const std::string keys = "axes=y/z/x,shift=5/-2/1";
-  const auto found = FindPlaces(CrookedHall(), PlacementBy(keys), {.threads = 1});
-  ExpectFound(keys, keys, found);
-  const auto again = FindPlaces(CrookedHall(), PlacementBy(keys), {.threads = 3});
-  ASSERT_EQ(again.size(), found.size());
-  for (size_t i = 0; i < found.size(); ++i) {
-    EXPECT_EQ(KeysOf(again[i].placement), KeysOf(found[i].placement));
-    EXPECT_EQ(again[i].errors_px, found[i].errors_px);
-  }
+TEST(MeshFrameSearch, FindsAShiftOfATurnedAndScaledMesh) {
+  const std::string keys = "scale=2,axes=y/z/x,shift=30/-20/10";
+  ExpectFound(keys, keys, FindPlaces(CrookedHall(), PlacementBy(keys), {.middle = {20, -10, 5}}));
 }
 
 // A turn beside the axes has no name: it is found as well as the mesh's floats allow.
@@ -302,6 +295,18 @@ TEST(MeshFrameSearch, ASymmetricMeshHasSeveralPlaces) {
     EXPECT_LT((placement * Eigen::Vector3d(-1, -0.8, 0.6)).norm(), 0.01) << KeysOf(placement);
     EXPECT_TRUE(placement.axes.cwiseAbs().isIdentity(0)) << KeysOf(placement);
     for (size_t j = 0; j < i; ++j) EXPECT_NE(found[i].placement.axes, found[j].placement.axes);
+  }
+}
+
+TEST(MeshFrameSearch, FindsTheSameWithAnyNumberOfThreads) {
+  const std::string keys = "scale=0.001,axes=x/-z/y";
+  const auto found = FindPlaces(CrookedHall(), PlacementBy(keys), {.threads = 1});
+  ExpectFound(keys, keys, found);
+  const auto again = FindPlaces(CrookedHall(), PlacementBy(keys), {.threads = 3});
+  ASSERT_EQ(again.size(), found.size());
+  for (size_t i = 0; i < found.size(); ++i) {
+    EXPECT_EQ(KeysOf(again[i].placement), KeysOf(found[i].placement));
+    EXPECT_EQ(again[i].errors_px, found[i].errors_px);
   }
 }
 

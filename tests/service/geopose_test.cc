@@ -73,7 +73,8 @@ TEST(ScenePlace, TheGeoPoseOfACameraIsThatOfClosedForm) {
   estimate.covariance = covariance;
   const auto camera = PlaceOfOneReference().CameraOf(estimate);
   ASSERT_TRUE(camera);
-  const Json position = camera->geopose["position"], q = camera->geopose["quaternion"];
+  const Json geopose = Json::parse(camera->geopose);
+  const Json position = geopose["position"], q = geopose["quaternion"];
   EXPECT_NEAR(position["lon"].get<double>(), kLon, 1e-10);
   EXPECT_NEAR(position["lat"].get<double>(), kLat, 1e-10);
   EXPECT_NEAR(position["h"].get<double>(), kHeight + 5, 1e-6);
@@ -257,7 +258,7 @@ TEST(GeoPose, AnAnswerIsTheProtocols) {
   LocalizedQuery localized;
   localized.estimate.verdict = PoseVerdict::kLocalized;
   localized.estimate.confidence = 0.9;
-  ScenePlace::Camera camera{.geopose = {{"position", {{"lon", 1}}}}};
+  ScenePlace::Camera camera{.geopose = R"({"position": {"lon": 1}})"};
   const GeoPoseRequest request = Read(Request());
   const Json without = Json::parse(FormatGeoPoseAnswer(request, "yard", localized, camera));
   EXPECT_EQ(without["id"], "a");
