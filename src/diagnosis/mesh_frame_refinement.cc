@@ -14,6 +14,9 @@
 namespace raylift {
 namespace {
 
+// A placement of more freedom must have a score (PxScore) that is higher by this.
+constexpr double kWorthOfFreedom = 0.05;
+
 // Returns the value to some significant digits.
 double Rounded(double value, int digits) {
   if (value == 0) return 0;
@@ -86,8 +89,10 @@ MeshPlacement MeshFrameSearch::Simplify(MeshPlacement refined) const {
   constexpr double kAboutAsGood = 1.15;
   const auto samples = std::span(fitting_).first(std::min<size_t>(2000, fitting_.size()));
   const double largest_px = std::max(kAboutAsGood * MedianPx(samples, refined), 0.1);
+  // Fewer than half of the keypoints may see where it is along a corridor.
+  const double least_score = PxScore(samples, refined) - kWorthOfFreedom;
   const auto as_good = [&](const MeshPlacement& other) {
-    return MedianPx(samples, other) <= largest_px;
+    return MedianPx(samples, other) <= largest_px && PxScore(samples, other) >= least_score;
   };
   // It may be as its files have it.
   if (!as_placed_.IsIdentity() && as_good(Inverse(as_placed_))) return Inverse(as_placed_);
@@ -155,8 +160,8 @@ void MeshFrameSearch::RefineFully(Candidate& candidate, std::span<const Sample> 
   consider(Freedom::kShift, kCoarse, 0);
   consider(Freedom::kShiftAndScale, kFine, 0.01);
   consider(Freedom::kShiftAndScale, kCoarse, 0.01);
-  consider(Freedom::kSimilarity, kFine, 0.05);
-  consider(Freedom::kSimilarity, kCoarse, 0.05);
+  consider(Freedom::kSimilarity, kFine, kWorthOfFreedom);
+  consider(Freedom::kSimilarity, kCoarse, kWorthOfFreedom);
 }
 
 }  // namespace raylift

@@ -187,12 +187,10 @@ TEST(MeshFrameSearch, APlaceIsSaidOfTheFilesToo) {
 // --- Finding: a hall with plane walls that no symmetry brings onto itself, seen from within. It is
 // convex: nothing hides anything.
 
-// A box whose walls lean: where n * p = 1.
-TriangleMesh CrookedHall() {
-  const std::array<std::array<Eigen::Vector3d, 2>, 3> walls = {
-      {{{{-0.32, 0.05, 0.04}, {0.27, 0.09, -0.06}}},
-       {{{0.06, -0.38, 0.07}, {-0.10, 0.36, 0.08}}},
-       {{{0.05, -0.08, -0.40}, {-0.07, 0.06, 0.36}}}}};
+// Two across each axis, each where n * p = 1.
+using Walls = std::array<std::array<Eigen::Vector3d, 2>, 3>;
+
+TriangleMesh MakeHall(const Walls& walls) {
   TriangleMesh mesh = MakeBox({0, 0, 0}, {1, 1, 1});
   for (size_t i = 0; i < 8; ++i) {
     Eigen::Matrix3d normals;
@@ -202,6 +200,13 @@ TriangleMesh CrookedHall() {
     mesh.vertices[i] = corner.cast<float>();
   }
   return mesh;
+}
+
+// All of its walls lean.
+TriangleMesh CrookedHall() {
+  return MakeHall({{{{{-0.32, 0.05, 0.04}, {0.27, 0.09, -0.06}}},
+                    {{{0.06, -0.38, 0.07}, {-0.10, 0.36, 0.08}}},
+                    {{{0.05, -0.08, -0.40}, {-0.07, 0.06, 0.36}}}}});
 }
 
 std::vector<PosedImage> CamerasWithin(int count, const Eigen::Vector3d& middle) {
@@ -264,6 +269,16 @@ TEST(MeshFrameSearch, FindsAMirrorAtAnyScale) {
 TEST(MeshFrameSearch, FindsAShiftOfATurnedAndScaledMesh) {
   const std::string keys = "scale=2,axes=y/z/x,shift=30/-20/10";
   ExpectFound(keys, keys, FindPlaces(CrookedHall(), PlacementBy(keys), {.middle = {20, -10, 5}}));
+}
+
+// A third of the keypoints are on its ends, which alone tell where it is along itself.
+TEST(MeshFrameSearch, AShiftThatMostKeypointsDoNotSeeIsFound) {
+  const TriangleMesh corridor = MakeHall({{{{{-0.25, 0.04, 0.03}, {0.25, 0.05, -0.04}}},
+                                           {{{0, -0.7, 0}, {0, 0.7, 0}}},
+                                           {{{0, 0, -0.7}, {0, 0, 0.7}}}}});
+  const auto found = FindPlaces(corridor, {.shift = {2, 0, 0}});
+  ASSERT_FALSE(found.empty());
+  EXPECT_EQ(KeysOf(found[0].placement), "shift=2/0/0");
 }
 
 // A turn beside the axes has no name: it is found as well as the mesh's floats allow.
