@@ -283,6 +283,10 @@ def test_global_descriptors_retrieve(tmp_path: Path) -> None:
 def test_wrong_files_and_roles_are_input_errors(tmp_path: Path) -> None:
     file = extractor_file(tmp_path)
     (tmp_path / "bad.onnx").write_bytes(b"no graph")
+    older = ("[ONNXRuntimeError] : 1 : FAIL : Load model from a.onnx failed:/onnxruntime_src/graph/model.cc:166 "
+             "onnxruntime::Model::Model(onnx::ModelProto&&, const onnxruntime::PathString&) It has no graph.")
+    assert raylift.onnx._said(RuntimeError(older)) == ("[ONNXRuntimeError] : 1 : FAIL : Load model from a.onnx failed: "
+                                                       "It has no graph.")
     with pytest.raises(raylift.InputError, match="nowhere.onnx: no such file"):
         raylift.onnx.Extractor(tmp_path / "nowhere.onnx")
     with pytest.raises(raylift.InputError, match="bad.onnx: "):

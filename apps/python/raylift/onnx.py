@@ -21,6 +21,7 @@ most networks do, or 0.5. What it finds at x on a picture of the width w is
 from __future__ import annotations
 
 import os
+import re
 from typing import (
     TYPE_CHECKING,
     Collection,
@@ -107,6 +108,11 @@ def _at_least(name: str, value: object, least: int) -> int:
     return int(value)
 
 
+def _said(error: Exception) -> str:
+    """onnxruntime's message in one line, without the place in its sources that some versions name."""
+    return re.sub(r"/\S+\.(cc|h):\d+ [^(]*\(.*?\) ", " ", " ".join(str(error).split()))
+
+
 class _Graph:
     """A file with its tensors by their roles."""
 
@@ -125,7 +131,7 @@ class _Graph:
             self.session = onnxruntime.InferenceSession(
                 self.file, settings, providers=list(providers or ["CPUExecutionProvider"]))
         except Exception as error:
-            raise _core.InputError(f"{self.file!s}: {' '.join(str(error).split())}") from None
+            raise _core.InputError(f"{self.file!s}: {_said(error)}") from None
         self.inputs = {one.name: one for one in self.session.get_inputs()}
         self.outputs = {one.name: one for one in self.session.get_outputs()}
         self.roles = dict(roles or {})
@@ -162,7 +168,7 @@ class _Graph:
         try:
             return dict(zip(self.outputs, self.session.run(None, typed)))
         except Exception as error:
-            self.fail(" ".join(str(error).split()))
+            self.fail(_said(error))
 
     def picture(self, name: str, image: Image, longer_side: Optional[int]) -> _Picture:
         image = np.asarray(image)
