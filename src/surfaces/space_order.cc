@@ -7,6 +7,8 @@
 
 #include <Eigen/Geometry>
 
+#include "raylift/base/parallel.h"
+
 namespace raylift {
 namespace {
 
@@ -28,6 +30,7 @@ void SortByPlace(std::vector<Key>& keys, unsigned bits) {
   constexpr uint64_t kDigits = uint64_t{1} << kDigitBits;
   std::vector<Key> sorted(keys.size());
   for (unsigned shift = 0; shift < bits; shift += kDigitBits) {
+    if (CallWatch* const watch = CallWatch::Current()) watch->Check();
     const auto digit = [&](const Key& key) { return key.first >> shift & (kDigits - 1); };
     std::array<size_t, kDigits + 1> begins{};
     for (const Key& key : keys) ++begins[digit(key) + 1];

@@ -6,6 +6,8 @@
 #include "support/matchers.h"
 #include <gtest/gtest.h>
 
+#include "raylift/base/parallel.h"
+
 namespace raylift {
 namespace {
 
@@ -57,6 +59,17 @@ TEST(NeighborTree, PointsAtOnePlaceAreOne) {
   for (size_t i = 0; i < points.size(); ++i) {
     EXPECT_EQ(tree.Nearest(i, room).size(), 1u);
   }
+}
+
+TEST(NeighborTree, AWatchIsAskedWhileItIsMade) {
+  Rng rng = TestRng();
+  std::vector<Eigen::Vector3f> points(500000);
+  for (Eigen::Vector3f& point : points) {
+    for (float& coordinate : point) coordinate = static_cast<float>(rng.Uniform(0, 1));
+  }
+  int asked = 0;
+  const CallWatch watch({.stop_wanted = [&] { return ++asked > 6; }});  // the order asks six times
+  EXPECT_THROW(NeighborTree{points}, Cancelled);
 }
 
 }  // namespace
