@@ -46,7 +46,7 @@ class JsonMembers {
   template <typename Value>
   void operator()(const std::string& name, Value&& value) {
     if (to_ != nullptr) {
-      (*to_)[name] = Written(value);
+      SetMember(*to_, name, Written(value));
     } else {
       At(name, [&] { Read(from_->at(name), value); });
     }

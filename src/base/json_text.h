@@ -42,11 +42,29 @@ std::string MessageOf(const Exception& error) {
   return message.substr(id_end == std::string::npos ? 0 : id_end + 2);
 }
 
-// Appends to an object's list, which is made where there is none yet. The library's own push_back()
-// leaves what is no list and no null where there is no memory for one, and ends the process.
+// Sets a member of an object; null becomes one. The library's own [] ends the process where there
+// is no memory: it makes null an object before it has one, and an ordered object that grows copies
+// its members and takes memory again to destroy them.
+template <typename Json>
+void SetMember(Json& object, const std::string& name, std::type_identity_t<Json> value) {
+  if (object.is_null()) object = Json::object();
+  using Members = typename Json::object_t;
+  auto& members = object.template get_ref<Members&>();
+  if constexpr (requires { members.reserve(0); }) {
+    if (members.size() == members.capacity()) {
+      Members grown;
+      grown.reserve(2 * members.size() + 1);
+      for (auto& [key, member] : members) grown.emplace(key, std::move(member));
+      members.swap(grown);
+    }
+  }
+  object[name] = std::move(value);
+}
+
+// Appends to an object's list, which is made where there is none yet.
 template <typename Json>
 void AppendTo(Json& object, const char* key, std::type_identity_t<Json> entry) {
-  if (!object.contains(key)) object[key] = Json::array();
+  if (!object.contains(key)) SetMember(object, key, Json::array());
   object[key].push_back(std::move(entry));
 }
 
@@ -54,8 +72,8 @@ void AppendTo(Json& object, const char* key, std::type_identity_t<Json> entry) {
 template <typename Json>
 void SetIn(Json& object, const char* key, const std::string& name,
            std::type_identity_t<Json> value) {
-  if (!object.contains(key)) object[key] = Json::object();
-  object[key][name] = std::move(value);
+  if (!object.contains(key)) SetMember(object, key, Json::object());
+  SetMember(object[key], name, std::move(value));
 }
 
 }  // namespace raylift

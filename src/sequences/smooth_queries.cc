@@ -339,7 +339,7 @@ WalkedQueries SmoothQueries(std::span<const LocalizedQuery> queries,
 
 std::string FormatQueryDiagnostics(const WalkedQuery& query) {
   auto json = ToJson(query.localized);
-  json["walk"] = ToJson(query);
+  SetMember(json, "walk", ToJson(query));
   return JsonText(std::move(json));
 }
 

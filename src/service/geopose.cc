@@ -201,15 +201,15 @@ std::string FormatGeoPoseAnswer(const GeoPoseRequest& request, const std::string
                       180 / std::numbers::pi;
   }
   nlohmann::ordered_json json;
-  json["id"] = request.id;
-  json["timestamp"] = request.timestamp_ms;
-  json["accuracy"]["position"] = position_m;
-  json["accuracy"]["orientation"] = orientation_deg;
-  json["type"] = "geopose";
-  json["geopose"] = nlohmann::ordered_json::parse(camera.geopose);
-  json["scene"] = scene;
-  json["verdict"] = ToString(localized.verdict());
-  json["confidence"] = localized.confidence();
+  SetMember(json, "id", request.id);
+  SetMember(json, "timestamp", request.timestamp_ms);
+  SetIn(json, "accuracy", "position", position_m);
+  SetIn(json, "accuracy", "orientation", orientation_deg);
+  SetMember(json, "type", "geopose");
+  SetMember(json, "geopose", nlohmann::ordered_json::parse(camera.geopose));
+  SetMember(json, "scene", scene);
+  SetMember(json, "verdict", ToString(localized.verdict()));
+  SetMember(json, "confidence", localized.confidence());
   return JsonText(std::move(json));
 }
 

@@ -42,11 +42,11 @@ Problem ProblemOfInput(const std::string& message) {
 
 nlohmann::ordered_json ProblemObject(const Problem& problem) {
   nlohmann::ordered_json json;
-  json["type"] = "about:blank";
-  json["title"] = PhraseOf(problem.status());
-  json["status"] = problem.status();
-  json["detail"] = problem.what();
-  if (!problem.field().empty()) json["field"] = problem.field();
+  SetMember(json, "type", "about:blank");
+  SetMember(json, "title", PhraseOf(problem.status()));
+  SetMember(json, "status", problem.status());
+  SetMember(json, "detail", problem.what());
+  if (!problem.field().empty()) SetMember(json, "field", problem.field());
   return json;
 }
 

@@ -312,18 +312,17 @@ HttpAnswer Service::Get(std::string_view path, bool is_ready, const ReadGauges& 
 
 HttpAnswer Service::ListScenes() const {
   nlohmann::ordered_json json;
-  auto& list = json["scenes"] = nlohmann::ordered_json::array();
   const auto scenes = Scenes();
   for (const auto& [name, opened] : *scenes) {
     const Scene& scene = opened->scene.localizer->scene();
-    auto& entry = list.emplace_back();
-    entry["name"] = name;
-    entry["references"] = scene.references.images.size();
-    auto& kinds = entry["geometry"] = nlohmann::ordered_json::array();
+    nlohmann::ordered_json entry;
+    SetMember(entry, "name", name);
+    SetMember(entry, "references", scene.references.images.size());
     for (const SceneSource& source : scene.sources) {
-      kinds.push_back(std::string(source.spec.substr(0, source.spec.find(':'))));
+      AppendTo(entry, "geometry", source.spec.substr(0, source.spec.find(':')));
     }
-    entry["calibrated"] = scene.calibration != nullptr;
+    SetMember(entry, "calibrated", scene.calibration != nullptr);
+    AppendTo(json, "scenes", std::move(entry));
   }
   return {.body = JsonText(std::move(json))};
 }
@@ -480,9 +479,9 @@ Service::BatchLine Service::Next(Batch& batch, const AnswerWatch& watch) {
     });
   } catch (const Problem& problem) {
     nlohmann::ordered_json json;
-    json["name"] = batch.photographs.photographs[index].name;
-    json["status"] = "refused";
-    json["problem"] = ProblemObject(problem);
+    SetMember(json, "name", batch.photographs.photographs[index].name);
+    SetMember(json, "status", "refused");
+    SetMember(json, "problem", ProblemObject(problem));
     line.text = JsonText(std::move(json));
   }
   line.text += '\n';

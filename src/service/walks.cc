@@ -205,11 +205,12 @@ ServedWalk SceneWalks::Before(const WalkStep& step) const {
 SceneWalks::Walked SceneWalks::GoOn(ServedWalk walk, const WalkedPhotograph& photograph) const {
   TrackedPose tracked = Track(photograph, distances_, {.scale = walk.scale}, walk.state);
   nlohmann::ordered_json session;
-  session["token"] = tokens_.Seal(std::move(walk), world_, std::chrono::system_clock::now());
-  session["world_from_odometry"] = nullptr;
-  session["scale"] = tracked.scale;
+  SetMember(session, "token",
+            tokens_.Seal(std::move(walk), world_, std::chrono::system_clock::now()));
+  SetMember(session, "world_from_odometry", nullptr);
+  SetMember(session, "scale", tracked.scale);
   if (tracked.world_from_odometry) {
-    session["world_from_odometry"] = ToJson(*tracked.world_from_odometry);
+    SetMember(session, "world_from_odometry", ToJson(*tracked.world_from_odometry));
   }
   return {std::move(tracked.query), JsonText(std::move(session))};
 }

@@ -31,10 +31,13 @@ Matrix3d WorldFromCam(const Rigid3& cam_from_world) {
 Json YawPitchRoll(const Matrix3d& r) {
   const double horizontal = std::hypot(r(0, 0), r(1, 0));
   const bool is_vertical = horizontal < 1e-9;
-  return {{"yaw", is_vertical ? kDegPerRad * std::atan2(-r(0, 1), r(1, 1))
-                              : kDegPerRad * std::atan2(r(1, 0), r(0, 0))},
-          {"pitch", kDegPerRad * std::atan2(-r(2, 0), horizontal)},
-          {"roll", is_vertical ? 0.0 : kDegPerRad * std::atan2(r(2, 1), r(2, 2))}};
+  Json angles;
+  SetMember(
+      angles, "yaw",
+      kDegPerRad * (is_vertical ? std::atan2(-r(0, 1), r(1, 1)) : std::atan2(r(1, 0), r(0, 0))));
+  SetMember(angles, "pitch", kDegPerRad * std::atan2(-r(2, 0), horizontal));
+  SetMember(angles, "roll", is_vertical ? 0.0 : kDegPerRad * std::atan2(r(2, 1), r(2, 2)));
+  return angles;
 }
 
 // Returns the ellipse of a covariance in east and north that holds 95 %: the square root of chi
@@ -99,21 +102,19 @@ Json GeoPoseOf(const Rigid3& cam_from_world, const EarthFrame::Place& place, Geo
   const Matrix3d enu_from_body =
       place.world_from_enu.transpose() * WorldFromCam(cam_from_world) * cam_from_body;
   Json json;
-  Json& position = json["position"];
-  position["lat"] = place.geographic.y();
-  position["lon"] = place.geographic.x();
-  position["h"] = place.geographic.z();
+  SetIn(json, "position", "lat", place.geographic.y());
+  SetIn(json, "position", "lon", place.geographic.x());
+  SetIn(json, "position", "h", place.geographic.z());
   if (form == GeoPoseForm::kYawPitchRoll) {
-    json["angles"] = YawPitchRoll(enu_from_body);
+    SetMember(json, "angles", YawPitchRoll(enu_from_body));
     return json;
   }
   Eigen::Quaterniond q(enu_from_body);
   if (q.w() < 0) q.coeffs() *= -1;
-  Json& quaternion = json["quaternion"];
-  quaternion["x"] = q.x();
-  quaternion["y"] = q.y();
-  quaternion["z"] = q.z();
-  quaternion["w"] = q.w();
+  SetIn(json, "quaternion", "x", q.x());
+  SetIn(json, "quaternion", "y", q.y());
+  SetIn(json, "quaternion", "z", q.z());
+  SetIn(json, "quaternion", "w", q.w());
   return json;
 }
 
