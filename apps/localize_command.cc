@@ -6,7 +6,6 @@
 #include <optional>
 #include <span>
 #include <string>
-#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -196,13 +195,12 @@ class LocalizeRun {
   void Localize(LocalizeAll& localizer, const std::vector<size_t>& missing, QueryJob& job) {
     Progress progress("queries", missing.size(), flags_.run.Show());
     const auto add = [&](size_t i, const QueryResult& result, const JoinDecision& decision) {
-      const std::vector<std::filesystem::path> files = output_->Show(i, result);
       job.Add(i, {.localized = result.localized,
                   .diagnostics = decision.diagnostics,
                   .warnings = localizer.MatchWarnings(),
                   .log_focal_factor = localizer.LogFocalFactor(i),
                   .joined = decision.joined,
-                  .files = PromiseFiles(flags_.out, files)});
+                  .files = PromiseFiles(flags_.out, output_->Show(i, result))});
       progress.Advance();
     };
     if (flags_.continuous.enabled) {

@@ -6,14 +6,12 @@
 #include "apps/argument_files.h"
 #include "apps/job_options.h"
 #include "apps/options.h"
-#include "base/hash.h"
 #include "io/text/line_tokens.h"
 #include "lifting/mesh_spec.h"
 #include "localization/continuous/continuous_localizer.h"
 #include "localization/fields.h"
 #include "views/task_list.h"
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
 #include "raylift/base/error.h"
 #include "raylift/base/text.h"

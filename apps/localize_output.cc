@@ -2,12 +2,9 @@
 
 #include <filesystem>
 #include <optional>
-#include <system_error>
 
-#include "jobs/manifest_file.h"
 #include "lifting/alignment_text.h"
 #include "localization/results/exports.h"
-#include "localization/results/query_job.h"
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"

@@ -282,7 +282,6 @@ class SubsampledScene {
     const LocalizerOptions options = LocalizerOptionsOf(cell);
     const int max_joined =
         JoinsAsInPaper(options.estimator) ? settings_.top_k : std::max(1, settings_.top_k / 2);
-    GrowingScene growing(*SceneOf(cell), OpenMatches(max_joined), options, /*weigh=*/true);
     const std::vector<size_t> order =
         ContinuousOrder(settings_, queries_, references_.references.images);
     const ContinuousRun run{
@@ -296,7 +295,7 @@ class SubsampledScene {
           if (options_.on_estimate) options_.on_estimate();
         }};
     for (size_t i = 0; i < run.done.size() && options_.on_estimate; ++i) options_.on_estimate();
-    LocalizeContinuously(queries_, growing, run);
+    LocalizeContinuously(queries_, *SceneOf(cell), OpenMatches(max_joined), options, run);
     std::vector<QueryOutcome> outcomes = OutcomesOf(job.Whole().value());
     std::error_code ignored;
     std::filesystem::remove_all(folder, ignored);

@@ -155,7 +155,6 @@ std::vector<LocalizedQuery> LocalizeAll::Run(const OnResult& on_result) {
 void LocalizeAll::Run(std::span<const size_t> queries, const OnResult& on_result,
                       const std::atomic<bool>* stop) {
   Calibrate();
-  const Localizer& localizer = configurations_.front();
   const std::set<size_t> asked(queries.begin(), queries.end());
   const std::vector<Frame> frames = FramesOf(queries);
   ParallelFor(frames.size(), options_.threads, [&](size_t i) {
@@ -164,7 +163,7 @@ void LocalizeAll::Run(std::span<const size_t> queries, const OnResult& on_result
     for (size_t k = 0; k < results.size(); ++k) {
       const size_t query = frames[i][k];
       if (!asked.contains(query)) continue;
-      Complete(query, localizer, results[k]);
+      Complete(query, results[k]);
       on_result(query, results[k]);
     }
   });
@@ -213,17 +212,15 @@ std::vector<QueryResult> LocalizeAll::LocalizeFrame(const Frame& frame) const {
 void LocalizeAll::RunContinuously(ContinuousRun run) {
   RAYLIFT_CHECK(options_.one_by_one && matches_ != nullptr);
   Calibrate();
-  GrowingScene growing(scene(), matches_, options_.localizer, run.weigh);
   run.threads = options_.threads;
-  run.on_localized = [&](size_t i, QueryResult& result) {
-    Complete(i, growing.localizer(), result);
-  };
-  LocalizeContinuously(queries_, growing, run);
+  run.on_localized = [&](size_t i, QueryResult& result) { Complete(i, result); };
+  LocalizeContinuously(queries_, scene(), matches_, options_.localizer, run);
 }
 
 // Runs the stages after the pose.
-void LocalizeAll::Complete(size_t query, const Localizer& localizer, QueryResult& result) {
+void LocalizeAll::Complete(size_t query, QueryResult& result) {
   if (options_.rerenderer != nullptr) {
+    const Localizer& localizer = configurations_.front();
     options_.rerenderer->Improve(queries_[query], localizer.estimator(), result,
                                  localizer.options().min_confidence);
   }

@@ -90,14 +90,13 @@ class ContinuousLocalizer : public ::testing::Test {
     LocalizerOptions options;
     options.estimator.method = Method::kP3p;
     options.estimator.refinement = refinement;
-    GrowingScene growing(scene, std::move(source), options, true);
     QueryJob job(queries_, R"({"command": "localize"})", {.out = folder, .resume = resume});
     job.Begin({});
     const std::vector<size_t> order = OrderByName(queries_);
     std::atomic<bool> stop = false;
     size_t done = 0;
     LocalizeContinuously(
-        queries_, growing,
+        queries_, scene, std::move(source), options,
         {.order = order,
          .done = job.Joined(),
          .gate = gate,

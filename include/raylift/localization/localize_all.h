@@ -110,7 +110,7 @@ class LocalizeAll {
                        int threads, const Take& take) const;
   std::vector<Frame> FramesOf(std::span<const size_t> queries) const;
   std::vector<QueryResult> LocalizeFrame(const Frame& frame) const;
-  void Complete(size_t query, const Localizer& localizer, QueryResult& result);
+  void Complete(size_t query, QueryResult& result);
   std::vector<ReferenceMatch> MatchesAmongReferences() const;
   std::vector<std::string> DoctorWarnings() const;
 

@@ -18,6 +18,44 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
+// Returns the scene in which joined queries are references, too.
+std::shared_ptr<const Scene> WithJoined(const Scene& scene,
+                                        const std::shared_ptr<const JoinedReferences>& joined) {
+  auto growing = std::make_shared<Scene>(scene);
+  growing->covisibility = nullptr;
+  auto links = JoinedGeometry::Links::kGive;
+  for (SceneSource& source : growing->sources) {
+    source.geometry.source =
+        std::make_shared<JoinedGeometry>(std::move(source.geometry.source), joined, links);
+    links = JoinedGeometry::Links::kLeaveOut;
+  }
+  return growing;
+}
+
+// A scene whose references grow, and a localizer for its present state.
+class GrowingScene {
+ public:
+  GrowingScene(const Scene& scene, std::shared_ptr<MatchSource> matches,
+               const LocalizerOptions& options, bool weigh)
+      : source_(std::move(matches)),
+        joined_(std::make_shared<JoinedReferences>(weigh)),
+        localizer_(WithJoined(scene, joined_), std::make_shared<WeighedMatches>(source_, joined_),
+                   options) {}
+
+  const Localizer& localizer() const { return localizer_; }
+  const JoinedReferences& joined() const { return *joined_; }
+
+  void Join(const JoinedReference& reference) {
+    joined_->Add(reference);
+    source_->Join(reference.image);
+  }
+
+ private:
+  std::shared_ptr<MatchSource> source_;
+  std::shared_ptr<JoinedReferences> joined_;
+  Localizer localizer_;
+};
+
 // Estimates by both solvers where both have the matches that they need.
 std::optional<SolverPoses> AskSolvers(const QueryResult& result, const EstimatorOptions& estimator,
                                       const ContinuousRun& run) {
@@ -77,49 +115,26 @@ JoinDecision Decide(const QueryResult& result, size_t place, const GrowingScene&
   return decision;
 }
 
-// Returns the scene in which joined queries are references, too.
-std::shared_ptr<const Scene> WithJoined(const Scene& scene,
-                                        const std::shared_ptr<const JoinedReferences>& joined) {
-  auto growing = std::make_shared<Scene>(scene);
-  growing->covisibility = nullptr;
-  auto links = JoinedGeometry::Links::kGive;
-  for (SceneSource& source : growing->sources) {
-    source.geometry.source =
-        std::make_shared<JoinedGeometry>(std::move(source.geometry.source), joined, links);
-    links = JoinedGeometry::Links::kLeaveOut;
-  }
-  return growing;
-}
-
 }  // namespace
 
-GrowingScene::GrowingScene(const Scene& scene, std::shared_ptr<MatchSource> matches,
-                           const LocalizerOptions& options, bool weigh)
-    : source_(std::move(matches)),
-      joined_(std::make_shared<JoinedReferences>(weigh && !JoinsAsInPaper(options.estimator))),
-      localizer_(WithJoined(scene, joined_), std::make_shared<WeighedMatches>(source_, joined_),
-                 options) {}
-
-void GrowingScene::Join(const JoinedReference& reference) {
-  joined_->Add(reference);
-  source_->Join(reference.image);
-}
-
-void LocalizeContinuously(std::span<const Query> queries, GrowingScene& scene,
+void LocalizeContinuously(std::span<const Query> queries, const Scene& scene,
+                          std::shared_ptr<MatchSource> matches, const LocalizerOptions& options,
                           const ContinuousRun& run) {
   RAYLIFT_CHECK_EQ(run.order.size(), queries.size());
+  GrowingScene growing(scene, std::move(matches), options,
+                       run.weigh && !JoinsAsInPaper(options.estimator));
   for (size_t place = 0; place < run.order.size(); ++place) {
     const size_t query = run.order[place];
     if (const auto done = run.done.find(query); done != run.done.end()) {
-      if (done->second) scene.Join(*done->second);
+      if (done->second) growing.Join(*done->second);
       continue;
     }
     if (run.stop != nullptr && *run.stop) return;
-    QueryResult result = scene.localizer().Localize(queries[query]);
+    QueryResult result = growing.localizer().Localize(queries[query]);
     if (run.on_localized) run.on_localized(query, result);
-    const JoinDecision decision = Decide(result, place, scene, run);
+    const JoinDecision decision = Decide(result, place, growing, run);
     if (run.on_done) run.on_done(query, result, decision);
-    if (decision.joined) scene.Join(*decision.joined);
+    if (decision.joined) growing.Join(*decision.joined);
   }
 }
 

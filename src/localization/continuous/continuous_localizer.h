@@ -33,28 +33,6 @@ constexpr bool JoinsAsInPaper(const EstimatorOptions& options) {
   return options.refinement == Refinement::kPaper;
 }
 
-// A scene whose references grow, and a localizer for its present state. The covisibility of the
-// references is not used, as it does not include queries: clusters follow from the matches.
-class GrowingScene {
- public:
-  // `matches` must have been opened for queries that join. With `weigh` off, and as in the paper,
-  // joined references count as if their poses were exact.
-  GrowingScene(const Scene& scene, std::shared_ptr<MatchSource> matches,
-               const LocalizerOptions& options, bool weigh);
-  GrowingScene(const GrowingScene&) = delete;
-  GrowingScene& operator=(const GrowingScene&) = delete;
-
-  const Localizer& localizer() const { return localizer_; }
-  const JoinedReferences& joined() const { return *joined_; }
-
-  void Join(const JoinedReference& reference);
-
- private:
-  std::shared_ptr<MatchSource> source_;
-  std::shared_ptr<JoinedReferences> joined_;
-  Localizer localizer_;
-};
-
 // The decision on a query that was localized.
 struct JoinDecision {
   std::string diagnostics;  // its line of queries.jsonl, without the line's end
@@ -66,7 +44,7 @@ struct ContinuousRun {
   // The queries that an earlier run has done, with the references that they have become.
   std::map<size_t, std::optional<JoinedReference>> done = {};
   JoinGateOptions gate = {};  // not as in the paper
-  bool weigh = true;          // as GrowingScene's
+  bool weigh = true;          // off, and as in the paper: joined poses count as if they were exact
   int threads = 0;
   const std::atomic<bool>* stop = nullptr;  // finish the query in hand
   // Is called when a query was localized with the present scene; the result may be changed before
@@ -77,7 +55,10 @@ struct ContinuousRun {
       on_done = {};
 };
 
-void LocalizeContinuously(std::span<const Query> queries, GrowingScene& scene,
+// `matches` must have been opened for queries that join. The covisibility of the references is not
+// used, as it does not include queries: clusters follow from the matches.
+void LocalizeContinuously(std::span<const Query> queries, const Scene& scene,
+                          std::shared_ptr<MatchSource> matches, const LocalizerOptions& options,
                           const ContinuousRun& run);
 
 // Orders the queries for continuous localization (the paper's supplement): those that are most like
