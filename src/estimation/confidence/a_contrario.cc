@@ -275,7 +275,7 @@ bool InlierAssessor::PointsDisagree(const InlierEvidence& evidence) const {
   return as_by_chance && LogBinomialTail(count, count - agreeing, 1 - expected) < log_significance;
 }
 
-double InlierAssessor::Spread(const InlierEvidence& evidence) const {
+double InlierAssessor::ShareNearInliers(const InlierEvidence& evidence) const {
   std::vector<bool> matched(problem_.num_keypoints, false), inlier(problem_.num_keypoints, false);
   for (size_t i = 0; i < evidence.inlier.size(); ++i) {
     matched[KeypointOf(i)] = true;

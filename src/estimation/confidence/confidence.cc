@@ -65,80 +65,117 @@ std::vector<Alternative> EachOnce(const InlierAssessor& assessor,
   return kept;
 }
 
+// Asks, one after the other, what a pose may be wrong by.
+class Assessment {
+ public:
+  Assessment(const PoseProblem& problem, const NormalizedProblem& normalized,
+             const AssessedPose& assessed, const EstimatorOptions& options)
+      : problem_(problem),
+        normalized_(normalized),
+        assessed_(assessed),
+        options_(options),
+        drawn_by_prior_(assessed.solver == Solver::kKnownCenter ||
+                        assessed.solver == Solver::kUpright),
+        assessor_(problem, normalized, assessed.scored, assessed.num_poses_tried,
+                  drawn_by_prior_ ? 2 : 3),
+        evidence_(assessor_.Assess(assessed.pose)),
+        log_prior_(normalized.priors.LogEvidence(assessed.pose)),
+        distance_(SceneDistance(normalized, assessed.pose, assessed.scored)) {}
+
+  const InlierEvidence& evidence() const { return evidence_; }
+
+  // Returns the probability that neither chance nor one thing that is wrong explains the inliers.
+  double OfInliers() const {
+    double confidence = ProbabilityOfNoChance(evidence_.log_false_alarms);
+    // Agreement with the priors speaks for a pose that was not drawn by them; a pose that
+    // contradicts them is doubtful, but remains a pose.
+    if (log_prior_ < 0 || !drawn_by_prior_) {
+      confidence = std::max(ProbabilityOfNoChance(evidence_.log_false_alarms - log_prior_),
+                            std::min(confidence, kLeastConfidence));
+    }
+    // Inliers on a smaller part of what is matched are one witness; where points disagree, pose or
+    // geometry are wrong, and nothing tells which.
+    const bool is_one_place = assessor_.ShareNearInliers(evidence_) < kOnePlace;
+    const bool is_contradicted =
+        assessor_.PointsDisagree(evidence_) &&
+        !DepthsAgreeUpToFactor(normalized_, assessed_.pose, distance_, evidence_);
+    return is_one_place || is_contradicted ? std::min(confidence, 0.5) : confidence;
+  }
+
+  // Returns the poses that may be right in place of this one, and in `least` the probability that
+  // the pose is right over the likeliest of them.
+  std::vector<Alternative> FindAlternatives(double& least) const {
+    std::vector<CamFromLocal> poses = assessed_.alternatives;
+    if (options_.refinement == Refinement::kRobust && evidence_.LeavesRoomForAnAlternative()) {
+      const auto found =
+          FindAlternative(problem_, normalized_, evidence_.inlier, assessed_.scored, options_);
+      if (found) poses.push_back(normalized_.ToLocal(*found));
+    }
+    std::vector<Alternative> alternatives;
+    least = 1;
+    for (const CamFromLocal& pose : poses) {
+      const InlierEvidence other = assessor_.Assess(pose);
+      const std::optional<ExclusiveInliers> exclusive = assessor_.Compare(evidence_, other);
+      if (!exclusive) continue;
+      const double log_odds = log_prior_ - normalized_.priors.LogEvidence(pose);
+      const double probability =
+          ProbabilityOverAlternative(*exclusive, std::max(evidence_.clustering, other.clustering),
+                                     assessor_.IsBeyondChance(other, *exclusive), log_odds);
+      constexpr double kLeast = 1e-6;
+      least = std::min(least, probability);
+      alternatives.push_back({pose, other, (1 - probability) / std::max(probability, kLeast)});
+    }
+    return EachOnce(assessor_, std::move(alternatives));
+  }
+
+  // Returns the probability that the position is right where the direction is.
+  double OfPosition(const std::optional<MatchNoise>& noise) const {
+    const double of_position = ProbabilityOfPosition(assessed_.position_sigma, distance_);
+    if (!Has2D2D(assessed_.scored)) return of_position;
+    DepthScale scale;
+    if (noise) {
+      scale.depth_sigma = std::hypot(std::hypot(noise->depth, noise->common_depth),
+                                     MedianLearnedSigma(problem_, normalized_, evidence_.inlier));
+    }
+    const std::optional<SceneNoise> known = KnownNoiseOf(normalized_, options_);
+    if (known && known->reference_factor.errors > 0) {
+      scale.known_sigma = known->reference_factor.sigma;
+    }
+    return std::min(of_position,
+                    ProbabilityOfDistance(normalized_, assessed_.pose, assessed_.scored, distance_,
+                                          scale, evidence_));
+  }
+
+ private:
+  const PoseProblem& problem_;
+  const NormalizedProblem& normalized_;
+  const AssessedPose& assessed_;
+  const EstimatorOptions& options_;
+  const bool drawn_by_prior_;
+  const InlierAssessor assessor_;
+  const InlierEvidence evidence_;
+  const double log_prior_;
+  const double distance_;  // to the scene
+};
+
 }  // namespace
 
 void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& normalized,
                       const AssessedPose& assessed, const EstimatorOptions& options,
                       PoseEstimate& estimate) {
-  const bool drawn_by_prior =
-      assessed.solver == Solver::kKnownCenter || assessed.solver == Solver::kUpright;
-  const InlierAssessor assessor(problem, normalized, assessed.scored, assessed.num_poses_tried,
-                                drawn_by_prior ? 2 : 3);
-  const InlierEvidence evidence = assessor.Assess(assessed.pose);
-  estimate.num_keypoints = evidence.keypoints;
-  estimate.inlier_keypoints = evidence.inlier_keypoints;
-
-  // Agreement with the priors speaks for a pose that was not drawn by them; a pose that contradicts
-  // them is doubtful, but remains a pose.
-  double confidence = ProbabilityOfNoChance(evidence.log_false_alarms);
-  const double log_prior = normalized.priors.LogEvidence(assessed.pose);
-  if (log_prior < 0 || !drawn_by_prior) {
-    confidence = std::max(ProbabilityOfNoChance(evidence.log_false_alarms - log_prior),
-                          std::min(confidence, kLeastConfidence));
-  }
-
-  std::vector<CamFromLocal> poses = assessed.alternatives;
-  if (options.refinement == Refinement::kRobust && evidence.LeavesRoomForAnAlternative()) {
-    const auto found =
-        FindAlternative(problem, normalized, evidence.inlier, assessed.scored, options);
-    if (found) poses.push_back(normalized.ToLocal(*found));
-  }
-  std::vector<Alternative> alternatives;
+  const Assessment assessment(problem, normalized, assessed, options);
+  estimate.num_keypoints = assessment.evidence().keypoints;
+  estimate.inlier_keypoints = assessment.evidence().inlier_keypoints;
+  const double of_inliers = assessment.OfInliers();
+  const double of_position = assessment.OfPosition(estimate.noise);
   double least = 1;
-  for (const CamFromLocal& pose : poses) {
-    const InlierEvidence other = assessor.Assess(pose);
-    const std::optional<ExclusiveInliers> exclusive = assessor.Compare(evidence, other);
-    if (!exclusive) continue;
-    const double log_odds = log_prior - normalized.priors.LogEvidence(pose);
-    const double probability =
-        ProbabilityOverAlternative(*exclusive, std::max(evidence.clustering, other.clustering),
-                                   assessor.IsBeyondChance(other, *exclusive), log_odds);
-    constexpr double kLeast = 1e-6;
-    least = std::min(least, probability);
-    alternatives.push_back({pose, other, (1 - probability) / std::max(probability, kLeast)});
-  }
-  alternatives = EachOnce(assessor, std::move(alternatives));
+  const std::vector<Alternative> alternatives = assessment.FindAlternatives(least);
   // The probability of the pose and its alternatives, over the pose's.
   double all = 1;
   for (const Alternative& alternative : alternatives) all += alternative.odds;
   // Several weak alternatives leave a pose.
   const double over_alternatives = std::max(1 / all, std::min(least, kLeastConfidence));
-  // Inliers on a smaller part of what is matched are one witness.
-  if (assessor.Spread(evidence) < kOnePlace) confidence = std::min(confidence, 0.5);
-
-  const double distance = SceneDistance(normalized, assessed.pose, assessed.scored);
-  // Pose or geometry are wrong, and nothing tells which.
-  if (assessor.PointsDisagree(evidence) &&
-      !DepthsAgreeUpToFactor(normalized, assessed.pose, distance, evidence)) {
-    confidence = std::min(confidence, 0.5);
-  }
-  double of_position = ProbabilityOfPosition(assessed.position_sigma, distance);
-  if (Has2D2D(assessed.scored)) {
-    DepthScale scale;
-    if (estimate.noise) {
-      scale.depth_sigma =
-          std::hypot(std::hypot(estimate.noise->depth, estimate.noise->common_depth),
-                     MedianLearnedSigma(problem, normalized, evidence.inlier));
-    }
-    const std::optional<SceneNoise> known = KnownNoiseOf(normalized, options);
-    if (known && known->reference_factor.errors > 0) {
-      scale.known_sigma = known->reference_factor.sigma;
-    }
-    of_position =
-        std::min(of_position, ProbabilityOfDistance(normalized, assessed.pose, assessed.scored,
-                                                    distance, scale, evidence));
-  }
-  Conclude(confidence, of_position, estimate);
+  Conclude(of_inliers, of_position, estimate);
   // Pose k is right with the probability odds_k / all, times the confidence that all else leaves.
   estimate.alternatives.clear();
   if (over_alternatives < kLocalizedConfidence) {
@@ -147,7 +184,7 @@ void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& norma
           {normalized.ToWorld(alternative.pose), estimate.confidence * alternative.odds / all});
     }
   }
-  Conclude(std::min(confidence, over_alternatives), of_position, estimate);
+  Conclude(std::min(of_inliers, over_alternatives), of_position, estimate);
 }
 
 void SortByProbability(std::vector<AlternativePose>& alternatives) {

@@ -135,7 +135,7 @@ class InlierAssessor {
 
   // Returns the share of the keypoints with matches that lie as near to the middle of the inliers
   // as two thirds of these do, over two thirds: 1 where inliers are spread as all are.
-  double Spread(const InlierEvidence& evidence) const;
+  double ShareNearInliers(const InlierEvidence& evidence) const;
 
   // Returns whether the geometry is there and does not agree with the pose. A right 2D-2D match has
   // its point within the threshold, which is kSigmasOfThreshold stated standard deviations; if pose

@@ -201,6 +201,18 @@ double SameWithinPx(const EstimatorOptions& options) {
   return 0.25 * (is_known ? options.scene_noise->keypoint_px.sigma : by_thresholds_px);
 }
 
+// Returns the likeliest alternative where the priors favor it: between places that look alike, the
+// number of references retrieved of each has decided.
+std::optional<Rigid3> FavoredByPriors(const NormalizedProblem& problem, const CamFromLocal& pose,
+                                      const PoseEstimate& estimate) {
+  if (estimate.alternatives.empty()) return std::nullopt;
+  const AlternativePose& other = estimate.alternatives.front();
+  const bool is_of_priors = problem.priors.LogEvidence(problem.ToLocal(other.cam_from_world)) >
+                            problem.priors.LogEvidence(pose);
+  if (!is_of_priors || !(other.probability > estimate.confidence)) return std::nullopt;
+  return other.cam_from_world;
+}
+
 }  // namespace
 
 NormalizedProblem Normalize(const PoseProblem& problem, const EstimatorOptions& options, Rng& rng) {
@@ -254,23 +266,14 @@ PoseEstimate RansacEstimator::EstimateWithCamera(const PoseProblem& problem,
              2.0 * num_samples * static_cast<double>(samplers.solvers().size()), others, estimate);
   };
   conclude(refined);
-  // Between places that look alike the number of references retrieved of each has decided; if the
-  // priors favor the other place, its pose is taken.
-  if (!estimate.alternatives.empty()) {
-    const AlternativePose other = estimate.alternatives.front();
-    const bool is_of_priors =
-        normalized.priors.LogEvidence(normalized.ToLocal(other.cam_from_world)) >
-        normalized.priors.LogEvidence(refined.pose);
-    if (is_of_priors && other.probability > estimate.confidence) {
-      others.push_back(refined.pose);
-      const RansacReport of_other =
-          ReportOf(normalized, pose_score, other.cam_from_world, estimate.solver);
-      estimate.ransac_value = of_other.best_value;
-      estimate.noise.reset();
-      DropCovariance(estimate);
-      refined = Refine(normalized, evidence, pose_score, of_other, estimate);
-      conclude(refined);
-    }
+  if (const auto other = FavoredByPriors(normalized, refined.pose, estimate)) {
+    others.push_back(refined.pose);
+    const RansacReport of_other = ReportOf(normalized, pose_score, *other, estimate.solver);
+    estimate.ransac_value = of_other.best_value;
+    estimate.noise.reset();
+    DropCovariance(estimate);
+    refined = Refine(normalized, evidence, pose_score, of_other, estimate);
+    conclude(refined);
   }
   // A pose between references that err as wholes may fit none of them; RANSAC's fits one at least.
   if (refined.references_disagree && estimate.confidence < kLeastConfidence) {

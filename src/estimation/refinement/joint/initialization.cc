@@ -115,14 +115,15 @@ VarianceAndShare Likeliest(const std::vector<ObservedError>& errors, double larg
   return found;
 }
 
-}  // namespace
-
-JointNoise InitializeNoise(const KeypointEvidence& evidence, const CamFromLocal& pose,
-                           double keypoint_variance_px2) {
-  JointNoise noise;
-  noise.keypoint_px2 = keypoint_variance_px2;
+// The errors of observations at a pose, where keypoints have something near their rays.
+struct ErrorsAtPose {
   std::vector<ObservedError> depths, unanchored;
-  std::vector<double> log_distances;
+  std::vector<double> log_distances;  // of what the rays meet
+};
+
+ErrorsAtPose CollectErrors(const KeypointEvidence& evidence, const CamFromLocal& pose,
+                           double keypoint_variance_px2) {
+  ErrorsAtPose errors;
   for (const KeypointObservations& keypoint : evidence.keypoints) {
     const QueryRay ray(keypoint, pose);
     for (const Observation& observation : evidence.ObservationsOf(keypoint)) {
@@ -132,12 +133,12 @@ JointNoise InitializeNoise(const KeypointEvidence& evidence, const CamFromLocal&
           !std::isfinite(distance) || !scan.InFront(distance)) {
         continue;
       }
-      log_distances.push_back(std::log(distance));
+      errors.log_distances.push_back(std::log(distance));
       if (!observation.has_depth) continue;
       const double error =
           std::log((ray.At(distance) - observation.center).norm()) - observation.log_distance;
       const double gain = scan.Gain(distance);
-      depths.push_back({error * error, 2 / (gain * gain)});
+      errors.depths.push_back({error * error, 2 / (gain * gain)});
     }
     for (const UnanchoredPoint& point : evidence.UnanchoredOf(keypoint)) {
       const Vector3d offset = point.point - ray.origin;
@@ -146,11 +147,22 @@ JointNoise InitializeNoise(const KeypointEvidence& evidence, const CamFromLocal&
       if (!(along > 0) || !seen.in_front) continue;
       const double squared = (offset - along * ray.direction).squaredNorm();
       if (seen.error_px.squaredNorm() < 100 * keypoint_variance_px2) {
-        log_distances.push_back(std::log(along));
+        errors.log_distances.push_back(std::log(along));
       }
-      unanchored.push_back({squared, 2 / seen.jacobian.squaredNorm()});
+      errors.unanchored.push_back({squared, 2 / seen.jacobian.squaredNorm()});
     }
   }
+  return errors;
+}
+
+}  // namespace
+
+JointNoise InitializeNoise(const KeypointEvidence& evidence, const CamFromLocal& pose,
+                           double keypoint_variance_px2) {
+  const auto [depths, unanchored, log_distances] =
+      CollectErrors(evidence, pose, keypoint_variance_px2);
+  JointNoise noise;
+  noise.keypoint_px2 = keypoint_variance_px2;
   if (!log_distances.empty()) {
     noise.log_distance_mean = UpperMedianOr(log_distances, 0);
     // The prior is half as wide again as the bulk, and a quarter of the distance at least.
