@@ -189,6 +189,115 @@ bool Contains(std::span<const DepthFault> faults, DepthFault fault) {
   return std::find(faults.begin(), faults.end(), fault) != faults.end();
 }
 
+// Causes fitted to the training half of the samples, and what each explains of the errors of the
+// judging half.
+class TriedCauses {
+ public:
+  TriedCauses(const std::vector<CauseFitter>& fitters, std::span<const CauseSample> judging,
+              std::span<const double> errors, int threads)
+      : judging_(judging),
+        mean_error_(MeanOverBlocks(judging, errors).mean),
+        causes_(fitters.size()),
+        gains_(fitters.size()),
+        predicted_(fitters.size()) {
+    ParallelFor(fitters.size(), threads, [&](size_t i) {
+      causes_[i] = fitters[i]();
+      if (!causes_[i]) return;
+      for (size_t k = 0; k < judging.size(); ++k) {
+        const auto rest = causes_[i]->residual(judging[k]);
+        predicted_[i].push_back(rest.has_value());
+        gains_[i].push_back(rest ? errors[k] - std::abs(*rest) : 0);
+      }
+    });
+  }
+
+  size_t size() const { return causes_.size(); }
+  const std::optional<CauseFit>& fit(size_t i) const { return causes_[i]; }
+  // Returns the mean error that a cause explains.
+  Estimate Gain(size_t i) const { return MeanOverBlocks(judging_, gains_[i]); }
+
+  // Returns whether a cause of visible size explains more than this.
+  bool Explains(size_t i, double error) const {
+    if (!causes_[i] || causes_[i]->severity < 1) return false;
+    const Estimate gain = Gain(i);
+    return gain.IsSurelyAbove(0) && gain.IsSurelyAbove(error);
+  }
+
+  // Whether another cause explains the errors better, or one does as well.
+  enum class Standing { kBeaten, kOneOfSeveral, kBest };
+  Standing StandingOf(size_t i) const {
+    auto standing = Standing::kBest;
+    for (size_t other = 0; other < size(); ++other) {
+      if (other == i || !causes_[other]) continue;
+      // A general form that is no better than a special one says no more.
+      const bool is_no_better =
+          Contains(causes_[other]->special_case_of, causes_[i]->cause) && !Beats(i, other);
+      if (is_no_better || Beats(other, i)) return Standing::kBeaten;
+      const bool is_excused = Contains(causes_[i]->special_case_of, causes_[other]->cause);
+      if (!is_excused && !Beats(i, other)) standing = Standing::kOneOfSeveral;
+    }
+    return standing;
+  }
+
+ private:
+  bool Beats(size_t a, size_t b) const {
+    std::vector<double> differences(judging_.size());
+    for (size_t k = 0; k < judging_.size(); ++k) {
+      // A map that lies off shows at its border what the truth does not have.
+      if (predicted_[a][k] && predicted_[b][k]) differences[k] = gains_[a][k] - gains_[b][k];
+    }
+    const Estimate lead = MeanOverBlocks(judging_, differences);
+    const double rest = mean_error_ - Gain(a).mean;
+    return lead.IsSurelyAbove(0) && lead.mean > std::max(kMinLeadOfRest * rest, kRoundingOfFloats);
+  }
+
+  std::span<const CauseSample> judging_;
+  double mean_error_;
+  std::vector<std::optional<CauseFit>> causes_;
+  std::vector<std::vector<double>> gains_;  // of each cause and sample
+  std::vector<std::vector<bool>> predicted_;
+};
+
+std::vector<CauseFitter> AllFitters(std::span<const ExplainedView> views,
+                                    std::span<const CauseSample> training) {
+  std::vector<CauseFitter> fitters = MotionFitters(views, training);
+  for (auto& fitter : ValueFitters(views, training)) fitters.push_back(std::move(fitter));
+  for (auto& fitter : FilterFitters(views, training)) fitters.push_back(std::move(fitter));
+  return fitters;
+}
+
+// Names the cause that explains the errors best, or those that do alike. `beyond` is the mean error
+// beyond noise.
+void NameCause(const TriedCauses& tried, double beyond, DepthExplanation& result) {
+  std::string alike;
+  for (size_t i = 0; i < tried.size(); ++i) {
+    if (!tried.Explains(i, kMinExplained * beyond)) continue;
+    const CauseFit& fit = *tried.fit(i);
+    switch (tried.StandingOf(i)) {
+      case TriedCauses::Standing::kBeaten:
+        break;
+      case TriedCauses::Standing::kOneOfSeveral: {
+        if (Contains(result.alike, fit.cause)) break;
+        result.alike.push_back(fit.cause);
+        const std::string words = Describe(fit);
+        alike += (alike.empty() ? "" : " or ") +
+                 (words.empty() ? std::string(ToString(fit.cause)) : words);
+        break;
+      }
+      case TriedCauses::Standing::kBest:
+        result.cause = fit.cause;
+        result.size = fit.size;
+        result.severity = fit.severity;
+        result.explained_percent =
+            beyond > 0 ? 100 * std::min(1.0, tried.Gain(i).mean / beyond) : 100;
+        result.text = Describe(fit);
+        break;
+    }
+  }
+  if (result.cause) result.alike.clear();
+  if (!result.alike.empty()) result.text = alike + " would do alike";
+}
+
 }  // namespace
 
 std::optional<DepthExplanation> ExplainDepthErrors(std::span<const ExplainedView> views,
@@ -208,78 +317,11 @@ std::optional<DepthExplanation> ExplainDepthErrors(std::span<const ExplainedView
   // The mean of |x| of a normal distribution.
   result.noise = noise_sigma * std::sqrt(2 / std::numbers::pi);
   result.is_beyond_noise = error.IsSurelyAbove(result.noise);
-  const double beyond = std::max(0.0, result.error - result.noise);
   if (result.error < kRoundingOfFloats) return result;
-
   result.flying_percent = FlyingPercent(views, judging);
   result.worst_place = WorstPlace(views, judging);
-
-  std::vector<CauseFitter> tries = MotionFitters(views, halves.training);
-  for (auto& fitter : ValueFitters(views, halves.training)) tries.push_back(std::move(fitter));
-  for (auto& fitter : FilterFitters(views, halves.training)) tries.push_back(std::move(fitter));
-  std::vector<std::optional<CauseFit>> causes(tries.size());
-  std::vector<std::vector<double>> gains(tries.size());  // of each sample
-  std::vector<std::vector<bool>> predicted(tries.size());
-  ParallelFor(tries.size(), threads, [&](size_t i) {
-    causes[i] = tries[i]();
-    if (!causes[i]) return;
-    for (size_t k = 0; k < judging.size(); ++k) {
-      const auto rest = causes[i]->residual(judging[k]);
-      predicted[i].push_back(rest.has_value());
-      gains[i].push_back(rest ? errors[k] - std::abs(*rest) : 0);
-    }
-  });
-
-  const auto lead = [&](size_t a, size_t b) {
-    std::vector<double> differences(judging.size());
-    for (size_t k = 0; k < judging.size(); ++k) {
-      // A map that lies off shows at its border what the truth does not have.
-      if (predicted[a][k] && predicted[b][k]) differences[k] = gains[a][k] - gains[b][k];
-    }
-    return MeanOverBlocks(judging, differences);
-  };
-  const auto beats = [&](size_t a, size_t b) {
-    const Estimate estimate = lead(a, b);
-    const double rest = error.mean - MeanOverBlocks(judging, gains[a]).mean;
-    return estimate.IsSurelyAbove(0) &&
-           estimate.mean > std::max(kMinLeadOfRest * rest, kRoundingOfFloats);
-  };
-  std::vector<size_t> good;
-  for (size_t i = 0; i < causes.size(); ++i) {
-    if (!causes[i] || causes[i]->severity < 1) continue;
-    const Estimate gain = MeanOverBlocks(judging, gains[i]);
-    if (gain.IsSurelyAbove(0) && gain.IsSurelyAbove(kMinExplained * beyond)) good.push_back(i);
-  }
-  std::string alike;
-  for (const size_t i : good) {
-    bool is_beaten = false, has_peer = false;
-    for (size_t other = 0; other < causes.size(); ++other) {
-      if (other == i || !causes[other]) continue;
-      // A general form that is no better than a special one says no more.
-      const bool is_no_better =
-          Contains(causes[other]->special_case_of, causes[i]->cause) && !beats(i, other);
-      is_beaten = is_beaten || is_no_better || beats(other, i);
-      const bool is_excused = Contains(causes[i]->special_case_of, causes[other]->cause);
-      has_peer = has_peer || (!is_excused && !beats(i, other));
-    }
-    if (is_beaten) continue;
-    if (has_peer) {
-      if (Contains(result.alike, causes[i]->cause)) continue;
-      result.alike.push_back(causes[i]->cause);
-      const std::string words = Describe(*causes[i]);
-      alike += (alike.empty() ? "" : " or ") +
-               (words.empty() ? std::string(ToString(causes[i]->cause)) : words);
-      continue;
-    }
-    result.cause = causes[i]->cause;
-    result.size = causes[i]->size;
-    result.severity = causes[i]->severity;
-    const double gain = MeanOverBlocks(judging, gains[i]).mean;
-    result.explained_percent = beyond > 0 ? 100 * std::min(1.0, gain / beyond) : 100;
-    result.text = Describe(*causes[i]);
-  }
-  if (result.cause) result.alike.clear();
-  if (!result.alike.empty()) result.text = alike + " would do alike";
+  NameCause(TriedCauses(AllFitters(views, halves.training), judging, errors, threads),
+            std::max(0.0, result.error - result.noise), result);
   return result;
 }
 
