@@ -16,7 +16,6 @@
 #include "base/input_paths.h"
 #include "base/lap_clock.h"
 #include "base/progress.h"
-#include "estimation/common_noise.h"
 #include "jobs/fingerprint.h"
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>

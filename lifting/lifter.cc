@@ -150,16 +150,16 @@ bool MeetAtAngle(std::span<const Observation> views, const Eigen::Vector3d& poin
 }
 
 // The sum of squared reprojection errors, and its normal equations for a step of the point.
-struct NormalEquations {
+struct PointEquations {
   double cost_px2 = 0;
   Eigen::Matrix3d hessian = Eigen::Matrix3d::Zero();
   Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
 };
 
 // Returns nullopt where the point cannot be projected into a view.
-std::optional<NormalEquations> Linearize(std::span<const Observation> views,
-                                         const Eigen::Vector3d& point_in_world) {
-  NormalEquations equations;
+std::optional<PointEquations> Linearize(std::span<const Observation> views,
+                                        const Eigen::Vector3d& point_in_world) {
+  PointEquations equations;
   for (const Observation& view : views) {
     const Rigid3& cam_from_world = view.reference->cam_from_world;
     const auto projection =

@@ -7,7 +7,6 @@
 #include "apps/python/conversions.h"
 #include "apps/python/estimate_state.h"
 #include "base/progress.h"
-#include "estimation/common_noise.h"
 #include "estimation/fields.h"
 
 #include "raylift/base/parallel.h"

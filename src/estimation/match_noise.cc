@@ -5,7 +5,6 @@
 #include <vector>
 
 #include "base/index_sets.h"
-#include "estimation/common_noise.h"
 #include "estimation/fields.h"
 
 #include "raylift/base/parallel.h"

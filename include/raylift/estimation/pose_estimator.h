@@ -4,6 +4,8 @@
 
 #pragma once
 
+#include <cstddef>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -129,6 +131,12 @@ inline constexpr size_t kLeastForCommonNoise = 3;
 std::optional<SceneNoise> CommonNoise(std::span<const PoseEstimate> estimates);
 
 struct EstimatorOptions;
+
+// Learns the noise from some 30 of `count` problems of one scene, evenly spaced; nullopt where they
+// are too few to tell or the options make no use of it. `problem_at` is called from several threads.
+std::optional<SceneNoise> LearnSceneNoise(size_t count,
+                                          const std::function<PoseProblem(size_t)>& problem_at,
+                                          const EstimatorOptions& options, int threads);
 
 // Estimates poses by one method. Thread safe: Estimate() keeps no state between calls.
 class PoseEstimator {
