@@ -52,8 +52,8 @@ std::string TypeOf(const Json& object) {
   return type.is_string() ? type.get<std::string>() : "";
 }
 
-// The corners of surfaces, which are vertices of the file or of a template that is moved; and the
-// kinds of surfaces.
+// Holds the corners of surfaces, which are vertices of the file or of a template that is moved, and
+// the kinds of surfaces.
 struct Vertices {
   const std::vector<Vector3d>& points;
   std::optional<Eigen::Matrix<double, 3, 4>> world_from_template;
@@ -272,7 +272,8 @@ class CityJsonReader : JsonInFile {
     return vertices[index.get<size_t>()];
   }
 
-  // `kinds`: of each surface, an index of one of the vertices' kinds, in lists as the boundaries.
+  // Adds the surfaces of boundaries, which stand in so many `lists`, one within the other. `kinds`
+  // has, in lists like those of the boundaries, an index into the vertices' kinds for each surface.
   void AddSurfaces(const std::string& place, const Json& boundaries, int lists,
                    const Vertices& vertices, const Json& kinds) {
     List(place, boundaries);

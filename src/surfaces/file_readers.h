@@ -45,15 +45,15 @@ RawMesh ReadObj(const std::filesystem::path& path);
 // node graph, in the root's frame.
 RawMesh ReadWithAssimp(const std::filesystem::path& path);
 
-// glTF is a file, which may name others, or binary in one.
+// Says where glTF stands: in a file, which may name others, or as binary glTF within one.
 enum class GltfPlace { kFile, kPartOfFile };
 
 // Reads glTF 2, text or binary, in the frame that it states: the meshes of all nodes that are
 // shown, with instances (EXT_mesh_gpu_instancing), compressed (Draco, meshoptimizer) and quantized
 // ones; the places of nodes stay double. `z_up_from_gltf` is how its axes are turned later, as
 // CESIUM_RTC's center is in those. Throws InputError naming the file and the JSON path of what is
-// wrong, and where the file requires an extension that is not read. `copies`: where the whole of it
-// stands, in its own axes; once as it is if there are none.
+// wrong, and where the file requires an extension that is not read. `copies` are the places, in its
+// own axes, at which the whole of it stands; if there are none, it stands once as it is.
 RawMesh ReadGltf(const std::filesystem::path& path, std::string_view contents, GltfPlace place,
                  const Eigen::Matrix3d& z_up_from_gltf,
                  std::span<const Eigen::Affine3d> copies = {});
@@ -65,8 +65,9 @@ Eigen::Matrix3d ZUpFromYUp();
 // tileset's or the tile's file where one is missing, damaged, or not below the root's folder.
 TriangleMesh ReadTileset(const std::filesystem::path& path, const MeshReadOptions& options);
 
-// Read city models (surfaces/city_model.h): CityJSON 1.0 to 2.0 and CityGML 1 and 2, of each object
-// the level of detail that ChooseLevel() says, without textures; coordinates stay double.
+// Read city models (surfaces/city_model.h): CityJSON 1.0 to 2.0 and CityGML 1 and 2. They take the
+// level of detail of each object that ChooseLevel() says, without textures; coordinates stay
+// double.
 RawMesh ReadCityJson(const std::filesystem::path& path, std::string_view contents,
                      std::optional<double> level);
 RawMesh ReadCityGml(const std::filesystem::path& path, std::string_view contents,

@@ -27,8 +27,8 @@ draco::DecoderBuffer BufferOf(std::string_view bytes) {
   return buffer;
 }
 
-// Returns whether the bytes begin as Draco's do. Draco's own function needs headers that Ubuntu 22.04
-// lacks.
+// Returns whether the bytes begin as Draco's do. Draco's own function needs headers that Ubuntu
+// 22.04 lacks.
 bool ReadHeader(draco::DecoderBuffer& buffer, draco::DracoHeader& header) {
   return buffer.Decode(header.draco_string, sizeof(header.draco_string)) &&
          std::memcmp(header.draco_string, "DRACO", sizeof(header.draco_string)) == 0 &&

@@ -70,10 +70,10 @@ void IfThere(const JsonPlace& place, std::initializer_list<std::string_view> nam
   IfThere(member, names, use, next + 1);
 }
 
-// Returns a number of bytes or items up to 2^32 - 1; `missing` where there is no such member.
+// Returns a number of bytes or items up to 2^32 - 1, or `missing` where there is no such member.
 uint64_t CountOf(const JsonPlace& place, std::string_view member, uint64_t missing);
 
-// Returns the numbers of a member; `missing` where there is none.
+// Returns the numbers of a member, or `missing` where there is none.
 template <int N>
 Eigen::Matrix<double, N, 1> VectorOr(const JsonPlace& place, std::string_view member,
                                      const Eigen::Matrix<double, N, 1>& missing) {
@@ -106,8 +106,8 @@ class GltfFile {
   // is.
   std::string_view BytesOfView(const JsonPlace& index);
 
-  // Reads the items of an accessor, each of `components` numbers; 0: as many as it has, 3 or 4.
-  // Normalized integers become numbers up to 1.
+  // Reads the items of an accessor, each of `components` numbers; 0 stands for as many as it has, 3
+  // or 4. Normalized integers become numbers up to 1.
   VertexNumbers ReadNumbers(const JsonPlace& index, size_t components);
   // Reads the accessor that a member names; returns no numbers where there is no such member.
   VertexNumbers ReadAttribute(const JsonPlace& attributes, std::string_view name,
@@ -164,7 +164,8 @@ struct GltfInstance {
 
 // Returns the meshes of the shown scene in the order of its tree, those of instanced nodes
 // (EXT_mesh_gpu_instancing) once for each, and all of them for each of `copies`, if there are any.
-// `z_up_from_gltf`: of CESIUM_RTC's axes. Throws InputError where nodes are no tree or too many.
+// `z_up_from_gltf` turns the axes of CESIUM_RTC's center. Throws InputError where nodes are no tree
+// or too many.
 std::vector<GltfInstance> PlaceMeshes(const std::filesystem::path& path, GltfFile& file,
                                       const Eigen::Matrix3d& z_up_from_gltf,
                                       std::span<const Eigen::Affine3d> copies);

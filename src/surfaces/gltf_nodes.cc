@@ -120,7 +120,8 @@ class NodePlacer {
     PlaceNodes(node, "children", {root_from_node, name}, depth + 1);
   }
 
-  // Where the mesh of a node stands (EXT_mesh_gpu_instancing): once, if it does not say.
+  // Returns the places of a node's mesh by EXT_mesh_gpu_instancing; without that it stands once,
+  // where the node is.
   std::vector<Affine3d> Instances(const JsonPlace& node) {
     std::vector<Affine3d> places = {Affine3d::Identity()};
     IfThere(

@@ -44,7 +44,7 @@ uint8_t ByteOfLinear(float linear) {
 // The texture coordinates that a material needs besides its color or picture.
 struct UvUse {
   uint64_t set = 0;
-  // u to the right, v down.
+  // Transforms the file's texture coordinates, u to the right and v down.
   Eigen::Affine2d uv_transform = Eigen::Affine2d::Identity();
 };
 
@@ -334,7 +334,7 @@ class GltfReader {
                                 static_cast<uint32_t>(mesh_.parts.size()) - 1);
   }
 
-  // glTF's v goes down.
+  // Adds the texture coordinates of a part of a mesh; glTF's v goes down.
   void AddUvs(const Primitive& primitive, size_t first) {
     if (primitive.uvs.count() == 0) return;
     mesh_.uvs.resize(first, {0, 0});

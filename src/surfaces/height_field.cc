@@ -30,7 +30,7 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 using std::filesystem::path;
 
-// Keys and codes of the GeoTIFF standard.
+// These are keys and codes of the GeoTIFF standard.
 constexpr uint16_t kModelType = 1024, kGeographic = 2, kGeocentric = 3;
 constexpr uint16_t kRasterType = 1025, kPixelIsPoint = 2;
 constexpr uint16_t kProjectedSystem = 3072, kUserDefined = 32767;
@@ -122,7 +122,7 @@ struct OpenedTiff {
   path file;
   TiffHeader header;
   Affine2d world_from_image;
-  // The column and row of its first pixel in the mosaic.
+  // Its first pixel is at this column and row of the mosaic.
   size_t column = 0, row = 0;
 };
 
@@ -187,8 +187,8 @@ struct Mosaic {
     });
   }
 
-  // Copies what the parts have to where it lies: `numbers` of each pixel. Where several have one,
-  // the first is taken for which `is_there`.
+  // Copies what the parts have to where it lies in the mosaic, `numbers` of them for each pixel.
+  // Where several parts have a pixel, the first one for which `is_there` holds is taken.
   template <typename T, typename Read, typename IsThere>
   std::vector<T> Put(size_t numbers, const T& missing, const Read& read,
                      const IsThere& is_there) const {
@@ -345,7 +345,8 @@ class GridMesh {
   }
 
  private:
-  // Seen from above, counterclockwise.
+  // Adds a triangle of these heights, counterclockwise as seen from above, unless one of them is
+  // missing.
   void Add(size_t a, size_t b, size_t c) {
     const std::array<uint32_t, 3> triangle = {vertices_[a], vertices_[b], vertices_[c]};
     if (std::find(triangle.begin(), triangle.end(), RawMesh::kNone) != triangle.end()) return;

@@ -15,8 +15,8 @@ namespace raylift {
 
 // Lists the files that "a.ply+b.obj", "tiles/*.ply" or a folder (all files with these extensions in
 // it) name, sorted within each part. A file whose own name holds "+" or "*" is that file; a folder
-// that holds the file `index` is that one. Throws InputError where a part names no file; `kind`, as
-// "mesh", is for the message.
+// that holds the file `index` stands for that file. Throws InputError where a part names no file;
+// its message says `kind`, as "mesh".
 std::vector<std::filesystem::path> ListFiles(const std::string& files,
                                              std::span<const std::string_view> extensions,
                                              std::string_view kind, std::string_view index = {});

@@ -18,7 +18,7 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "the reader copies bytes as they are");
 
-// A point data record format: its least length, and where its color is, if it has one.
+// Describes a point data record format: its least length, and where its color is, if it has one.
 struct RecordFormat {
   size_t min_bytes;
   size_t color_at;  // 0: none
@@ -37,7 +37,7 @@ constexpr std::array<RecordFormat, 11> kFormats = {{{20, 0},
 constexpr size_t kFirstExtended =
     6;  // from this format on, flags and classes have bytes of their own
 
-// Classes of points that are on no surface.
+// Points of these classes are on no surface.
 constexpr int kLowNoise = 7;
 constexpr int kHighNoise = 18;
 
@@ -144,7 +144,8 @@ class LasReader {
     }
   }
 
-  // Colors have 16 bits, but many writers store 8; where all are black there are none.
+  // Gives the cloud the colors that were read. They have 16 bits, but many writers store 8; where
+  // all are black there are none.
   void TakeColors() {
     uint16_t largest = 0;
     for (const auto& color : colors_) {

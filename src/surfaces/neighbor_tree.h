@@ -35,9 +35,9 @@ class NeighborTree {
   // Returns the index among the points given to the constructor.
   uint32_t IndexOf(size_t i) const { return order_[i]; }
 
-  // The points nearest to point i, nearest first: as many as `neighbors` has room for, as far as
-  // there are. Those at one place count as one, those at the place of point i not at all. Returns
-  // those that were found.
+  // Returns the points nearest to point i, nearest first, in the front of `neighbors`: as many as
+  // that has room for, or all where they are fewer. Points at one place count as one, and those at
+  // the place of point i do not count.
   std::span<const Neighbor> Nearest(size_t i, std::span<Neighbor> neighbors) const {
     if (neighbors.empty()) return {};
     const Eigen::Vector3d query = point(i).cast<double>();
@@ -47,8 +47,8 @@ class NeighborTree {
   }
 
  private:
-  // The points as nanoflann asks for them: in double, as it sums up how far boxes of points are, and
-  // what float rounds there would leave out points that are nearer.
+  // Gives nanoflann the points in double, as it sums up how far boxes of points are, and what float
+  // rounds there would leave out points that are nearer.
   struct Points : std::vector<Eigen::Vector3f> {
     Points(std::span<const Eigen::Vector3f> points, std::span<const uint32_t> order) {
       reserve(order.size());
@@ -65,7 +65,7 @@ class NeighborTree {
     mutable unsigned asked = 0;
   };
 
-  // What nanoflann has found so far: kept sorted, as it is short.
+  // Holds what nanoflann has found so far, sorted, as it is short.
   struct Found {
     using DistanceType = double;
     using IndexType = uint32_t;

@@ -102,7 +102,7 @@ class ObjParser {
     mesh_.uvs.emplace_back(static_cast<float>(Number(tokens[1], "u")), static_cast<float>(v));
   }
 
-  // Counts from 1, or from the end where negative.
+  // Returns the index, from 0, that a token counts from 1, or from the end where it is negative.
   uint32_t Index(std::string_view token, size_t count, std::string_view what) const {
     const auto value = ParseInt(token);
     const auto limit = static_cast<int64_t>(count);

@@ -66,8 +66,8 @@ struct PlyHeader {
 // is no PLY header.
 PlyHeader ParsePlyHeader(const std::filesystem::path& path, std::string_view contents);
 
-// The rows of a binary element whose properties are all single numbers, by property: any order and
-// type.
+// Reads the rows of a binary element, whose properties are all single numbers, by property; these
+// may be in any order and of any type.
 class PlyColumns {
  public:
   // A property's place in a row.

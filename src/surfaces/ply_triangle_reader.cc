@@ -50,7 +50,8 @@ std::optional<std::array<size_t, 3>> Places(const PlyElement& element,
   return found == 3 ? std::optional(places) : std::nullopt;
 }
 
-// Names by which the general reader takes colors or texture coordinates from vertices.
+// Returns whether the general reader takes colors or texture coordinates from vertices by this
+// name.
 bool IsOtherAttribute(std::string_view name) {
   static constexpr std::string_view kNames[] = {
       "r", "g", "b", "diffuse_red", "diffuse_green", "diffuse_blue",
@@ -160,7 +161,8 @@ class TriangleReader {
     return true;
   }
 
-  // False where a face is no triangle or has an index that is none.
+  // Reads the triangles and marks their vertices; returns false where a face is no triangle or has
+  // an index that is none.
   bool ReadTriangles() {
     mesh_.triangles.reserve(num_faces_);
     AdviseLargePages(mesh_.triangles.data(), num_faces_ * sizeof(mesh_.triangles[0]));
@@ -189,7 +191,7 @@ class TriangleReader {
     return good;
   }
 
-  // Many threads may write the same 1.
+  // Marks a vertex as used; many threads may write the same 1.
   void MarkUsed(uint32_t vertex) {
     std::atomic_ref<uint8_t>(used_[vertex]).store(1, std::memory_order_relaxed);
   }
@@ -237,7 +239,7 @@ class TriangleReader {
     });
   }
 
-  // Decided in float where that is beyond doubt.
+  // Returns whether a triangle has no area, which is decided in float where that is beyond doubt.
   bool HasNoArea(const std::array<uint32_t, 3>& t) const {
     const Eigen::Vector3f& a = mesh_.vertices[t[0]];
     const Eigen::Vector3f ab = mesh_.vertices[t[1]] - a;
@@ -247,7 +249,8 @@ class TriangleReader {
     return TriangleHasNoArea(a, mesh_.vertices[t[1]], mesh_.vertices[t[2]]);
   }
 
-  // Triangles that stay keep the number of their face.
+  // Removes the triangles without area and returns their number; those that stay keep the number of
+  // their face.
   size_t RemoveThoseWithoutArea() {
     std::vector<uint32_t> faces;
     for (size_t i = 0; i < mesh_.triangles.size(); ++i) {

@@ -39,11 +39,12 @@ struct RawMesh {
   std::vector<Eigen::Vector3f> position_normals;   // of a point cloud; empty, or one per position
   std::vector<std::array<uint32_t, 3>> triangles;  // indices into `positions`, all in range
 
-  // The face of the file that each triangle belongs to; empty while that is its own index.
+  // This is the face of the file that each triangle belongs to; empty while that is its own index.
   std::vector<uint32_t> triangle_faces;
 
   std::vector<Eigen::Vector2f> uvs;
-  // Indices into `uvs` (or kNone), one per triangle; empty where `uvs` is empty or per position.
+  // These are the indices into `uvs` (or kNone) of each triangle's corners; empty where `uvs` is
+  // empty or per position.
   std::vector<std::array<uint32_t, 3>> triangle_uvs;
   std::vector<uint32_t> triangle_materials;  // empty, or one per triangle; kNone allowed
 
@@ -56,9 +57,9 @@ struct RawMesh {
   std::vector<std::string> warnings;
 };
 
-// Adds the file's face number `face`: triangles as they are, larger polygons cut. `corner_uvs` is
-// empty or as long as `corners`; `hole_begins` as TriangulatePolygon has it; the material is left
-// to the caller. Returns the number of triangles added.
+// Adds the file's face number `face`: triangles are added as they are, larger polygons are cut.
+// `corner_uvs` is empty or as long as `corners`; `hole_begins` is as TriangulatePolygon() has it;
+// the material is left to the caller. Returns the number of triangles added.
 size_t AddFace(size_t face, std::span<const uint32_t> corners, std::span<const uint32_t> corner_uvs,
                RawMesh& mesh, std::span<const uint32_t> hole_begins = {});
 
@@ -114,8 +115,8 @@ bool IsBelow(const std::filesystem::path& mesh_path, std::string_view what,
              const std::string& named, RawMesh& mesh);
 
 // Adds the picture `name`, as the mesh file calls it (relative to the mesh's folder; Windows
-// separators allowed), to the textures and returns its index. -1 and a warning where it cannot be
-// read: a mesh is of use without its texture.
+// separators are allowed), to the textures and returns its index. Where it cannot be read, adds a
+// warning and returns -1: a mesh is of use without its texture.
 int32_t AddTextureFile(const std::filesystem::path& mesh_path, const std::string& name,
                        RawMesh& mesh);
 

@@ -134,7 +134,8 @@ class Splitter {
  private:
   static constexpr uint32_t kWhole = 0xffffffffu;
 
-  // The vertex in the middle of a long edge, kWhole of others.
+  // Returns the vertex in the middle of a long edge, which is added the first time; kWhole for
+  // others.
   uint32_t Middle(uint32_t a, uint32_t b) {
     if (a > b) std::swap(a, b);
     if (!((mesh_.vertices[a] - mesh_.vertices[b]).norm() > max_edge_)) return kWhole;
@@ -161,7 +162,7 @@ class Splitter {
     }
   }
 
-  // The parts of a triangle, wound as it is.
+  // Adds the parts of a triangle, wound as it is.
   void Add(const Triangle& whole, std::vector<Triangle>& triangles) {
     std::array<uint32_t, 3> middle;  // of the edge that begins at each corner
     int count = 0;

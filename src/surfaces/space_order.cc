@@ -24,7 +24,8 @@ uint64_t Spread(uint64_t value) {
 
 using Key = std::pair<uint64_t, uint32_t>;  // a place on the curve, and the point's index
 
-// Digit by digit from the last one on: keys of one place stay in their order.
+// Sorts by the places, which have so many `bits`, digit by digit from the last one on, so that keys
+// of one place stay in their order.
 void SortByPlace(std::vector<Key>& keys, unsigned bits) {
   constexpr unsigned kDigitBits = 11;
   constexpr uint64_t kDigits = uint64_t{1} << kDigitBits;

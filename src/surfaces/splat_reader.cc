@@ -22,11 +22,11 @@ namespace {
 using std::filesystem::path;
 using Column = PlyColumns::Column;
 
-// The color of a harmonic of degree 0 with the coefficient 1.
+// This is the color of a harmonic of degree 0 with the coefficient 1.
 const double kHarmonic0 = 0.5 / std::sqrt(std::numbers::pi);
 
-// The third axis of a disc, as a share of its smaller one: negligible except for rays along the
-// disc.
+// The third axis of a disc has this share of its smaller one: it is negligible except for rays
+// along the disc.
 constexpr double kDiscThickness = 1e-6;
 
 // Scales are kept above this, so that their inverses are finite in float.
@@ -59,7 +59,8 @@ class SplatCollector {
     if (has_colors) splats_.harmonics.reserve(count * splats_.NumCoefficients());
   }
 
-  // Whose harmonics follow where there are colors.
+  // Adds a Gaussian, and its harmonics where there are colors; one that is not finite is only
+  // counted, and one that is too transparent is left out.
   void Add(const RawSplat& splat, std::span<const Eigen::Vector3f> harmonics) {
     const bool is_finite = std::all_of(harmonics.begin(), harmonics.end(),
                                        [](const auto& rgb) { return rgb.allFinite(); });

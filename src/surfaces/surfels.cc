@@ -27,7 +27,7 @@ constexpr double kNoSpread = 1e-10;
 using Neighbor = NeighborTree::Neighbor;
 using Neighbors = std::span<const Neighbor>;
 
-// The neighbors of a point, relative to it.
+// Holds the neighbors of a point, relative to it.
 class Neighborhood {
  public:
   void Set(const NeighborTree& tree, size_t i, Neighbors neighbors) {

@@ -19,7 +19,7 @@
 namespace raylift {
 namespace {
 
-// Lines by which columns without names are told apart.
+// Columns without names are told apart by so many lines.
 constexpr size_t kSampleLines = 100;
 
 struct Columns {
@@ -88,7 +88,8 @@ class TextCloudReader {
     return tokens_.front().starts_with('#') || tokens_.front().starts_with("//");
   }
 
-  // Up to the first point: comments, the columns' names, and the number of points of a .pts file.
+  // Skips what stands before the first point: comments, the columns' names, and the number of
+  // points of a .pts file.
   void SkipHead() {
     while (true) {
       const size_t begin = next_;
@@ -105,7 +106,8 @@ class TextCloudReader {
     }
   }
 
-  // False where the line's words do not name columns.
+  // Takes the columns by the names that the line has; returns false where its words do not name
+  // columns.
   bool TakeNames() {
     std::vector<std::string> names;
     for (std::string_view token : tokens_) {

@@ -31,7 +31,8 @@ Eigen::Vector3f Texel(const Image& image, int x, int y) {
   return {static_cast<float>(rgb[0]), static_cast<float>(rgb[1]), static_cast<float>(rgb[2])};
 }
 
-// `u` and `v` in [0, 1].
+// Returns the color between the texels at `u`, from left to right, and `v`, from bottom to top,
+// both in [0, 1]; the picture repeats beyond its borders.
 Eigen::Vector3f Bilinear(const Image& image, double u, double v) {
   const double x = u * image.width_px - 0.5;
   const double y = (1 - v) * image.height_px - 0.5;

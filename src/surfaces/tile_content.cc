@@ -143,7 +143,7 @@ class FeatureTable {
     return numbers;
   }
 
-  // Three numbers, or where they are as floats.
+  // Returns the three numbers of a member, which stand there or, as floats, in the binary part.
   Vector3d CartesianOf(std::string_view name) const {
     const JsonPlace place = root_.Member(name);
     if (place.IsArray()) return place.Vector<3>();
@@ -176,7 +176,7 @@ class TileReader {
     throw InputError(content_.file, "the file is damaged or truncated");
   }
 
-  // A magic word, the version and the whole size, which all of these begin with.
+  // These begin with a magic word, the version and the whole size.
   static constexpr size_t kCommonHeader = 12;
 
   uint32_t Number(std::string_view bytes, size_t offset) const {
@@ -218,7 +218,7 @@ class TileReader {
     }
   }
 
-  // Tables of features and of batches, JSON and bytes each, and what follows them.
+  // Holds the tables of features and of batches, JSON and bytes each, and what follows them.
   struct Parts {
     std::array<std::string_view, 4> tables;
     std::string_view rest;

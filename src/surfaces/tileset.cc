@@ -270,7 +270,8 @@ class TilesetWalk {
     return place.Blame([&] { return ResolveInTileset(uri, named_in, folder_); });
   }
 
-  // Further tilesets are part of the tree, whatever shows of the tile that names them.
+  // Adds a tile's content. Further tilesets are part of the tree, whatever shows of the tile that
+  // names them; other files are added where the tile is shown.
   void AddContent(const JsonPlace& place, const path& file, const Branch& branch, bool is_shown) {
     const bool is_tileset = LowerExtension(file) == ".json";
     if (!is_tileset && !is_shown) return;
@@ -325,7 +326,8 @@ class TilesetWalk {
     if (subtree.tiles.At(0)) ReadImplicitTile(tiling, implicit, subtree, at, 0, 0);
   }
 
-  // `level` and `code` are of the tile within its subtree.
+  // Reads a tile of an implicit tree and those below it; `level` and `code` are its place within
+  // its subtree.
   void ReadImplicitTile(const JsonPlace& tiling, const ImplicitTiles& implicit,
                         const Subtree& subtree, const TilePlace& at, int level, uint64_t code) {
     Count(tiling);

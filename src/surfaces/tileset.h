@@ -55,7 +55,7 @@ TileMeshes ReadTileContent(const TileContent& content);
 
 // A part of an implicit tileset, with the availability of its tiles.
 
-// The availability: one bit for each tile, or one for all.
+// Says which tiles there are, by one bit for each tile or one for all.
 class Availability {
  public:
   explicit Availability(bool constant) : constant_(constant) {}

@@ -59,7 +59,7 @@ class TileFrame {
 
   const std::vector<std::string>& notes() const { return notes_; }
 
-  // From any thread.
+  // Transforms the mesh's positions from the root's frame to the world. Any thread may call it.
   void Lead(RawMesh& mesh) {
     if (!target_) {
       for (Vector3d& point : mesh.positions) point = axes_ * (point - center_) + world_from_root_;
@@ -98,7 +98,8 @@ class TileFrame {
     idle_.push_back(std::move(transform));
   }
 
-  // One for a thread at a time; to make one takes milliseconds.
+  // Returns a transform that is not in use, which one thread may use at a time; one that is idle is
+  // taken first, as making one takes milliseconds.
   std::unique_ptr<CrsTransform> TakeTransform() {
     const std::lock_guard lock(mutex_);
     if (idle_.empty()) return std::make_unique<CrsTransform>(Crs(kEarthCentered), *target_);

@@ -19,11 +19,12 @@ namespace raylift {
 
 // Options for a tileset (3D Tiles): its level of detail and its frame.
 struct TileOptions {
-  // 0: the finest tiles; else the coarsest whose geometric error is at most this, m.
+  // With 0 the finest tiles are read, else the coarsest whose geometric error is at most this, in
+  // meters.
   double max_error = 0;
-  // The world into which its earth-centered coordinates are transformed. nullopt: they become
-  // meters east, north and up of the root's center; coordinates that are not earth-centered stay as
-  // they are.
+  // Its earth-centered coordinates are transformed into this world. With nullopt they become meters
+  // east, north and up of the root's center; coordinates that are not earth-centered stay as they
+  // are.
   std::optional<WorldFrame> world = std::nullopt;
 };
 
@@ -42,8 +43,8 @@ void RequireWorld(const std::filesystem::path& file, const TileOptions& options)
 struct MeshReadOptions {
   int threads = 0;  // <= 0: all; never changes the mesh
   TileOptions tiles = {};
-  // For city models: the level of detail; "2" means the finest that begins with 2. nullopt: the
-  // finest up to 3.
+  // This level of detail of city models is read; "2" means the finest that begins with 2. With
+  // nullopt the finest up to 3 is read.
   std::optional<double> level_of_detail = std::nullopt;
 };
 

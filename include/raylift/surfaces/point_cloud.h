@@ -17,11 +17,12 @@ namespace raylift {
 
 struct PointCloud {
   std::vector<Eigen::Vector3d> points_in_world;
-  // One per point, of unit length and either sign; empty where there are none.
+  // There is one for each point, of unit length and either sign; the list is empty where there are
+  // none.
   std::vector<Eigen::Vector3f> normals;
   std::vector<std::array<uint8_t, 3>> colors_rgb;  // per point; empty where there are none
 
-  // Warnings of the reader for the user: points that were left out, ...
+  // The reader warns the user of this: points that were left out, ...
   std::vector<std::string> warnings;
 };
 

@@ -6,7 +6,8 @@
 // that any lens sees the same scene. With the ray o + t d, the mean m and S the inverse covariance,
 // a Gaussian stands where it is the densest on the ray, and covers what it has there:
 //
-//   t = d^T S (m - o) / d^T S d,  alpha = min(0.99, opacity exp(-(o + t d - m)^T S (o + t d - m) / 2))
+//   t = d^T S (m - o) / d^T S d,
+//   alpha = min(0.99, opacity exp(-(o + t d - m)^T S (o + t d - m) / 2))
 //
 // A disc is what an ellipsoid becomes as its third axis vanishes: t is where the ray meets its
 // plane. Gaussians with alpha >= 1/255 are blended by their t, from front to back: each with the
@@ -55,12 +56,12 @@ struct Splats {
   std::vector<Eigen::Vector3f> scales;        // standard deviations along the axes
   std::vector<float> opacities;
 
-  // Spherical harmonics of the color by the direction from the eye to the mean: (degree + 1)^2
-  // coefficients of red, green and blue for each Gaussian, in the reference code's order. Empty
-  // where there are no colors.
+  // These are the color's spherical harmonics by the direction from the eye to the mean: (degree +
+  // 1)^2 coefficients of red, green and blue for each Gaussian, in the reference code's order.
+  // There are none where there are no colors.
   int degree = 0;
   std::vector<Eigen::Vector3f> harmonics;
-  // The rotation from the world's directions to the harmonics' frame; a mirror where its
+  // This rotates the world's directions into the harmonics' frame; it is a mirror where its
   // determinant is -1.
   Eigen::Matrix3d harmonics_from_world = Eigen::Matrix3d::Identity();
 

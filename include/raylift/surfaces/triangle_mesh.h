@@ -34,31 +34,32 @@ struct TriangleMesh {
   std::vector<Eigen::Vector3f> vertices;
   std::vector<std::array<uint32_t, 3>> triangles;
 
-  // One per vertex; empty where the mesh has none.
+  // There is one for each vertex; the list is empty where the mesh has none.
   std::vector<std::array<uint8_t, 3>> vertex_colors_rgb;
   std::vector<Eigen::Vector2f> texture_coordinates;  // (u, v), v = 0 at the picture's last row
 
-  // For each triangle an index into `textures`, -1 = none; empty where the mesh has no texture.
+  // Holds for each triangle an index into `textures`, or -1 where it has none; empty where the mesh
+  // has no texture.
   std::vector<int32_t> triangle_textures;
   std::vector<Image> textures;
 
-  // The face of its file that each triangle belongs to, where polygons were triangulated or faces
-  // dropped; empty where that is the triangle's own index.
+  // Holds for each triangle the face of its file that it belongs to, where polygons were
+  // triangulated or faces dropped; empty where that is the triangle's own index.
   std::vector<uint32_t> triangle_faces;
-  // The first triangle of each mesh where several were joined; empty where it is one mesh.
+  // Holds the first triangle of each mesh where several were joined; empty where it is one mesh.
   std::vector<uint32_t> object_begins;
 
-  // For each triangle an index into `labels`, SurfaceLabel::kNone = none; empty where there are no
-  // labels.
+  // Holds for each triangle an index into `labels`, or SurfaceLabel::kNone; empty where there are
+  // no labels.
   std::vector<uint32_t> triangle_labels;
   std::vector<SurfaceLabel> labels;
   uint32_t num_instances = 0;  // theirs are below it
 
-  // The coordinate reference system of its coordinates, where its file names one, as
-  // WorldFrame::Parse() takes it.
+  // Names the coordinate reference system of its coordinates, as WorldFrame::Parse() takes it,
+  // where its file does so.
   std::string crs;
 
-  // Warnings of the reader for the user: degenerate triangles removed, a texture missing, ...
+  // The reader warns the user of this: degenerate triangles removed, a texture missing, ...
   std::vector<std::string> warnings;
 
   // Returns the index of the joined mesh that a triangle belongs to.
