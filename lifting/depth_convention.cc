@@ -22,7 +22,8 @@ DepthConvention Colmap() {
                        "depth_maps/{name}.geometric.bin", "{name}.bin"}};
 }
 
-// nerfacto's: expected distance along the unit ray, already divided by the dataparser's scale.
+// nerfacto's maps hold the expected distance along the unit ray, already divided by the
+// dataparser's scale.
 DepthConvention Nerfstudio() {
   return {.kind = DepthKind::kRay,
           .unit = 1,
@@ -85,7 +86,7 @@ DepthConvention Eth3d() {
           .headerless = true};
 }
 
-// Registered maps first; 65.535 is what became of 7-Scenes' "none" before kapture 1.1.
+// Registered maps come first; 65.535 is what became of 7-Scenes' "none" before kapture 1.1.
 DepthConvention Kapture() {
   return {
       .unit = 1,
@@ -98,7 +99,7 @@ DepthConvention Kapture() {
 }
 
 // ByteDance-Seed/Depth-Anything-3, utils/export/npz.py (export_to_npz, export_to_mini_npz) and
-// npy.py: z, (N, H, W), at the network's size; camera from world, (N, 3, 4).
+// npy.py write z, (N, H, W), at the network's size, and camera from world, (N, 3, 4).
 // utils/io/input_processor.py stretches images to multiples of 14 ("upper_bound_resize", the
 // default); those of "*_crop" have fit=crop.
 DepthConvention DepthAnything3() {
@@ -144,13 +145,13 @@ DepthConvention Mast3r() {
           .fit = MapFit::kCrop};
 }
 
-// microsoft/MoGe, scripts/infer.py (main, --maps): z, at the photograph's size, infinite where
-// there is none. Metric since version 2; of version 1 up to a scale.
+// microsoft/MoGe, scripts/infer.py (main, --maps), writes z at the photograph's size, infinite
+// where there is none. Depth is metric since version 2, and up to a scale in version 1.
 DepthConvention Moge() {
   return {.unit = 1, .patterns = {"{dir}/{stem}/depth.exr", "{stem}/depth.exr"}};
 }
 
-// lpiccinelli-eth/UniDepth, models/unidepthv2/unidepthv2.py (infer): z, (1, 1, H, W), at the
+// lpiccinelli-eth/UniDepth, models/unidepthv2/unidepthv2.py (infer), gives z, (1, 1, H, W), at the
 // photograph's size; it writes no file. Its "confidence" grows with the error
 // (ops/losses/confidence.py): it is not used.
 DepthConvention UniDepth() {
@@ -160,7 +161,7 @@ DepthConvention UniDepth() {
           .layer = "depth"};
 }
 
-// apple/ml-depth-pro, cli/run.py (run): z in meters, at the photograph's size.
+// apple/ml-depth-pro, cli/run.py (run), writes z in meters, at the photograph's size.
 DepthConvention DepthPro() {
   return {.unit = 1, .patterns = {"{dir}/{stem}.npz", "{stem}.npz"}, .layer = "depth"};
 }

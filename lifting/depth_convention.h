@@ -36,8 +36,9 @@ double StoredUnit(const StoredDepth& stored, const DepthConvention& convention);
 // Returns the samples in the order of the image.
 StoredDepth Oriented(StoredDepth stored, MapOrientation orientation);
 
-// Returns the map on the whole photograph: 0 where it has no samples, and without those beyond it.
-// InputError naming the file where the photograph would take more samples than a map can have.
+// Returns the map on the whole photograph: it is 0 where the map has no samples, and those beyond
+// are left out. Throws InputError naming the file where the photograph would take more samples than
+// a map can have.
 StoredDepth OnWholeImage(StoredDepth map, MapFit fit, PlaneSize image,
                          const std::filesystem::path& file_for_messages);
 
@@ -53,8 +54,8 @@ DepthMap ToDepthMap(const StoredDepth& stored, const Camera& camera,
 // Warps the depth of a sensor beside the photograph's camera into that camera. Without this every
 // point would be off by the cameras' distance and the ratio of their focal lengths.
 //
-// The sensor's map seen by `image`, of its size. Neighbors in the map span triangles, so planes
-// stay planes, unless their depths jump by more than 5 %; the nearest surface counts.
+// Returns the sensor's map as `image` sees it, of its size. Neighbors in the map span triangles, so
+// planes stay planes, unless their depths jump by more than 5 %; the nearest surface counts.
 DepthMap RegisterDepth(const DepthMap& map, const DepthSensor& sensor, const Camera& image);
 
 }  // namespace raylift

@@ -16,8 +16,8 @@ namespace {
 constexpr int kGridColumns = 5;
 constexpr int kGridRows = 4;
 
-// The distance of a keypoint's projection from its match, over a map's log factors and, if there is
-// one more parameter, its shift.
+// The residual is the vector from a keypoint's match to its projection, as a function of a map's
+// log factors and, if there is one more parameter, its shift.
 class ProjectedDepthCost final : public ceres::CostFunction {
  public:
   ProjectedDepthCost(const DepthObservation& observation, const std::array<GridWeight, 4>& weights,
@@ -86,8 +86,8 @@ class LinearPrior final : public ceres::CostFunction {
   double value_;
 };
 
-// Monocular depth drifts by a few percent over a fifth of the image: where there are no matches,
-// neighboring nodes follow each other.
+// Ties neighboring nodes to each other, as monocular depth drifts by a few percent over a fifth of
+// the image: where there are no matches, they follow each other.
 void AddSmoothness(const DepthCorrection& correction, double* parameters, ceres::Problem& problem) {
   constexpr double kSigma = 0.05;
   const auto columns = static_cast<size_t>(correction.columns);
@@ -106,9 +106,11 @@ void AddSmoothness(const DepthCorrection& correction, double* parameters, ceres:
   }
 }
 
-// Cauchy's loss of width c, c^2 / 2 ln(1 + d^2 / c^2), is c^2 / 3 times the negative logarithm of
-// Cauchy's density in the plane, (1 + d^2 / c^2)^(-3/2): so much does a square of sigmas weigh. A
-// shift s is a factor 1 + s / z of the depth z: here of most.
+// Adds what is known of a map's factor before the fit. Cauchy's loss of width c,
+//   c^2 / 2 ln(1 + d^2 / c^2),
+// is c^2 / 3 times the negative logarithm of Cauchy's density in the plane, (1 + d^2 / c^2)^(-3/2):
+// so much does a square of sigmas weigh. A shift s is a factor 1 + s / z of the depth z, which is
+// `depth` here.
 void AddKnownFactor(const KnownFactor& known, size_t num_nodes, double depth,
                     std::vector<double>& parameters, ceres::Problem& problem) {
   std::vector<GridWeight> factor;

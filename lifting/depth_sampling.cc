@@ -24,7 +24,7 @@ class Neighborhood {
   Neighborhood(const DepthMap& map, int x, int y, double max_jump)
       : map_(map), x_(x), y_(y), max_jump_(max_jump) {}
 
-  // 0 for a hole, and outside.
+  // Returns 1/z of a pixel; 0 for a hole, and outside of the map.
   double InverseZ(Offset at) const {
     const int x = x_ + at.x;
     const int y = y_ + at.y;
@@ -50,8 +50,8 @@ class Neighborhood {
     return led_to_b || led_to_a || (before == 0 && after == 0);
   }
 
-  // The slope of 1/z along an axis: the pixel's own, or that of a neighbor across the axis on the
-  // same surface.
+  // Returns the slope of 1/z along an axis: the pixel's own, else that of a neighbor across the
+  // axis on the same surface; nullopt where none is known.
   std::optional<double> Slope(Offset axis) const {
     const Offset across{axis.y, axis.x};
     if (const auto own = SlopeAt({0, 0}, axis)) return own;

@@ -246,7 +246,7 @@ struct DepthFolder::Impl {
     }
   }
 
-  // The file that holds a reference's map.
+  // Returns the file that holds a reference's map.
   const path& FileOf(const PosedImage& reference) const {
     if (packed) return packed->file();
     return bundle ? bundle->file() : files.at(reference.name);
@@ -279,7 +279,7 @@ struct DepthFolder::Impl {
         DepthMap{stored.width_px, stored.height_px, std::move(stored.values)});
   }
 
-  // The samples as they lie on the whole image.
+  // Returns the samples as they lie on the whole image.
   StoredDepth OnImage(StoredDepth stored, const PosedImage& reference) const {
     return OnWholeImage(Oriented(std::move(stored), convention.orientation), convention.fit,
                         {reference.camera.width_px(), reference.camera.height_px()},
@@ -313,7 +313,7 @@ struct DepthFolder::Impl {
     }
   }
 
-  // A map that could not be read is not kept: who asks again, reads again.
+  // Removes a map that could not be read: who asks for it again, reads it again.
   void Forget(const std::string& name) const {
     const std::lock_guard<std::mutex> lock(mutex);
     const auto entry = cache.find(name);
@@ -321,8 +321,8 @@ struct DepthFolder::Impl {
     cache.erase(entry);
   }
 
-  // The map where it is there or another thread reads it; else its place is taken, and what comes
-  // of `promise` belongs there.
+  // Returns the map if it is there or another thread reads it. Else enters the name with what
+  // `promise` will hold, which the caller has to fulfill, and returns nullopt.
   std::optional<std::shared_future<MapPointer>> FindOrEnter(
       const std::string& name, std::promise<MapPointer>& promise) const {
     const std::lock_guard<std::mutex> lock(mutex);

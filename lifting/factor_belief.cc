@@ -18,8 +18,9 @@ namespace {
 
 // Factors nearer to each other than this are one: a fit tells them apart, not a belief.
 constexpr double kNodeStep = 0.01;
-// Prior shares of patches and of pairs whose matches are wrong together, as look-alike places make
-// some where a scene repeats itself. A tenth of these changes a bound by 2.3.
+// These are the prior shares of patches and of pairs whose matches are wrong together, as
+// look-alike places make some where a scene repeats itself. A tenth of these changes a bound by
+// 2.3.
 constexpr double kWrongPatches = 0.1;
 constexpr double kWrongPairs = 0.02;
 constexpr std::array kRightShares = {0.1, 0.5, 0.9};
@@ -40,8 +41,8 @@ double LogMeanExp(std::span<const double> values) {
   return LogSumExp(values) - std::log(static_cast<double>(values.size()));
 }
 
-// The log factors at which likelihoods are evaluated: those that matches imply, but for a few, and
-// 0.
+// Holds the log factors at which likelihoods are evaluated: those that matches imply, but for a
+// few, and 0.
 class Nodes {
  public:
   explicit Nodes(std::span<const MapMatches> maps) {
@@ -131,7 +132,7 @@ struct Noise {
   double depth;
 };
 
-// ln of p(patch | a) without what is wrong together, at each node.
+// Returns ln p(patch | a), without what is wrong together, at each node.
 Curve OfPatch(const PatchMatches& patch, double extent_px, const Nodes& nodes, const Noise& noise) {
   std::array<Curve, kRightShares.size()> of_share;
   for (Curve& curve : of_share) curve.assign(nodes.count(), 0);
@@ -156,7 +157,8 @@ Curve OfPatch(const PatchMatches& patch, double extent_px, const Nodes& nodes, c
   return Smoothed(curve, noise.depth);
 }
 
-// A mixture: matches are wrong together with a probability, or else right.
+// Mixes two likelihoods: matches are wrong together with the probability `wrong_share`, or else
+// right.
 struct Mixture {
   double wrong_share;
   double Right(double at_node) const { return std::log(1 - wrong_share) + at_node; }
@@ -190,7 +192,7 @@ MapCurves OfMap(std::span<const PatchMatches> patches, double extent_px, const N
   return curves;
 }
 
-// For all maps: ln p(matches | m, o), for each spread o and node m.
+// Holds ln p(matches | m, o) of one map, or summed over several, for each spread o and node m.
 using Evidence = std::array<Curve, kSpreads.size()>;
 
 Evidence EvidenceOf(const Curve& map) {
@@ -245,7 +247,7 @@ class Quantiles {
     return nodes_.At(node) + kNodeStep * ((wanted - before) / (cumulated_[node] - before) - 0.5);
   }
   double Median() const { return At(0.5); }
-  // That of a normal distribution with the same quartiles.
+  // Returns the standard deviation of the normal distribution with the same quartiles.
   double Sigma() const { return 0.5 * kSigmaPerMad * (At(0.75) - At(0.25)); }
 
  private:

@@ -13,7 +13,8 @@
 // a drift u of the map's depth in common, and may be wrong together, as those of a facade with one
 // like it are; they then agree on a factor that is anything:
 //
-//   p(patch | a) = (1 - e) mean over u of prod p(match | a + u) + e mean over b of prod p(match | b)
+//   p(patch | a) = (1 - e) mean over u of prod p(match | a + u)
+//                  + e mean over b of prod p(match | b)
 //
 // u being N(0, t^2). Just so all patches of a pair of images may be wrong together:
 //
@@ -34,7 +35,7 @@
 
 namespace raylift {
 
-// An image's side is so many places, and a patch's.
+// An image's side is divided into so many places, and that of a patch holds so many.
 inline constexpr int kPlacesPerSide = 16;
 inline constexpr int kPlacesPerPatchSide = 4;
 

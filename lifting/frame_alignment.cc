@@ -45,7 +45,8 @@ class Cameras {
 
   size_t size() const { return in_frame_.size(); }
 
-  // nullopt where the two are in one place.
+  // Returns the similarity by two cameras: their distance gives the scale, the first one the
+  // rotation, and their middle the translation. nullopt where the two are in one place.
   std::optional<Similarity> FromPair(size_t a, size_t b) const {
     const double length_in_frame = (in_frame_[a] - in_frame_[b]).norm();
     const double length_in_world = (in_world_[a] - in_world_[b]).norm();
@@ -57,7 +58,8 @@ class Cameras {
     return Similarity{scale, rotation, middle_in_world - scale * (rotation * middle_in_frame)};
   }
 
-  // The distances of the centers from where they should be; infinite where a camera is turned.
+  // Returns the distances of the centers from where they should be, infinite where a camera is
+  // turned.
   std::vector<double> Errors(const Similarity& similarity) const {
     const Eigen::Quaterniond rotation(similarity.rotation);
     std::vector<double> errors;
@@ -71,8 +73,8 @@ class Cameras {
     return errors;
   }
 
-  // Least squares over some of the cameras: the rotation by centers and rotations alike, as centers
-  // on a line leave it open.
+  // Returns the similarity that fits some of the cameras by least squares: the rotation follows
+  // from centers and rotations alike, as centers on a line leave it open.
   Similarity Fit(const std::vector<size_t>& some) const {
     const Eigen::Matrix3Xd in_frame = Columns(in_frame_, some), in_world = Columns(in_world_, some);
     const Eigen::Vector3d mean_in_frame = in_frame.rowwise().mean();

@@ -10,7 +10,8 @@
 
 namespace raylift {
 
-// point_in_world = scale * rotation * point_in_frame + translation
+// Holds the scale of a similarity, and how well it is known:
+//   point_in_world = scale * rotation * point_in_frame + translation
 struct FrameAlignment {
   double scale = 1;
   double relative_sigma = 0;  // of the scale
@@ -18,10 +19,11 @@ struct FrameAlignment {
   size_t num_agreeing = 0;    // of the poses
 };
 
-// Returns the similarity that most of the cameras agree with, by their centers and rotations:
-// hypotheses from pairs of cameras, the one of the least median error, then least squares over the
-// cameras that agree. nullopt where fewer than three or less than half of them do, or where the
-// centers are one place, which has no scale. The same for the same input.
+// Returns the scale of the similarity that most of the cameras agree with, by their centers and
+// rotations: of the hypotheses from pairs of cameras the one of the least median error is taken,
+// and refined by least squares over the cameras that agree. nullopt where fewer than three or less
+// than half of them do, or where the centers are one place, which has no scale. The result is the
+// same for the same input.
 std::optional<FrameAlignment> AlignFrame(std::span<const Rigid3> cam_from_frame,
                                          std::span<const Rigid3> cam_from_world);
 

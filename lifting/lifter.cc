@@ -17,8 +17,8 @@
 namespace raylift {
 namespace {
 
-// One point per match; nullopt where the source has no surface, or where the match was not asked
-// for.
+// There is one point for each match; nullopt where the source has no surface, or where the match
+// was not asked for.
 using PointPerMatch = std::vector<std::optional<SurfacePoint>>;
 
 std::vector<std::vector<size_t>> GroupByReference(std::span<const Match2D2D> matches,
@@ -175,8 +175,9 @@ std::optional<PointEquations> Linearize(std::span<const Observation> views,
   return equations;
 }
 
-// Levenberg and Marquardt's method. ceres::TinySolver finds the same minima, but takes 1.1 times as
-// long for two views and 1.4 times for twenty: it evaluates each step that it takes twice.
+// Refines a point by Levenberg and Marquardt's method. ceres::TinySolver finds the same minima, but
+// takes 1.1 times as long for two views and 1.4 times for twenty: it evaluates each step that it
+// takes twice.
 Eigen::Vector3d RefinePoint(std::span<const Observation> views, Eigen::Vector3d point_in_world) {
   constexpr int kMaxIterations = 20;
   constexpr double kConverged = 1e-6;  // relative change of the cost

@@ -35,7 +35,7 @@ std::string MatrixKey(const MeshPlacement& placement) {
   return fmt::format("matrix={}", fmt::join(numbers, "/"));
 }
 
-// 9 digits, as the keys have them.
+// Values are rounded to 9 digits, as the keys have them.
 constexpr double kRounding = 1e-9;
 
 double NearestInteger(double value, double tolerance) {

@@ -1,4 +1,5 @@
-// Algebra, names and keys of the placements of meshes, point clouds and splats.
+// Joins and inverts the placements of meshes, point clouds and splats, applies them, and has their
+// names and keys.
 
 #pragma once
 
@@ -35,8 +36,8 @@ std::optional<MeshPlacement> PlacementFromMatrix(std::span<const double> row_maj
 std::string Describe(const MeshPlacement& placement);
 
 // Returns the keys of mesh:..., cloud:... and splat:... for a placement:
-// "scale=0.001,axes=x/-z/y,shift=0/5/0", or "matrix=..." where the axes have no name. Empty for the
-// identity.
+// "scale=0.001,axes=x/-z/y,shift=0/5/0", or "matrix=..." where the axes have no name; no text for
+// the identity.
 std::string KeysOf(const MeshPlacement& placement);
 
 // Return the surface in the world. Triangles of a mirrored mesh are wound the other way, so that

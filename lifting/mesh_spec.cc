@@ -235,10 +235,10 @@ TileOptions TakeTileOptions(SpecKeys& keys) {
 }
 
 // Nerfstudio exports in a frame of its own; the way from the data set's is in this file:
-// point_in_model = scale * (transform * point_in_world). Returns its inverse. Throws InputError
-// naming the file and field.
+// point_in_model = scale * (transform * point_in_world).
 constexpr const char* kNerfstudioTransforms = "dataparser_transforms.json";
 
+// Returns the inverse of what the file holds. Throws InputError naming the file and field.
 MeshPlacement ReadNerfstudioPlacement(const std::filesystem::path& path) {
   const JsonDocument document(ReadFile(path), path);
   const JsonPlace root = document.Root();

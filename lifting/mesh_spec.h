@@ -25,8 +25,8 @@ namespace raylift {
 // The parts of a specification by key.
 class SpecKeys {
  public:
-  // Splits at commas: the first part is the path, each other one a key and its value. OptionError
-  // where a part has no "=" or a key stands twice.
+  // Splits at commas: the first part is the path, each other one a key and its value. Throws
+  // OptionError where a part has no "=" or a key stands twice.
   SpecKeys(std::string spec, std::string_view rest);
 
   const std::string& path() const { return path_; }
@@ -63,9 +63,9 @@ class SpecKeys {
   std::map<std::string, std::string> values_;
 };
 
-// A mesh by name, "mesh:PATH[,key=value...]" or "dsm:FILE[,key=value...]", a point cloud,
-// "cloud:PATH[,key=value...]", or Gaussian splats, "splat:FILE[,key=value...]": one grammar for all
-// who lift from them or render them.
+// One grammar names surfaces for all who lift from them or render them: a mesh,
+// "mesh:PATH[,key=value...]" or "dsm:FILE[,key=value...]", a point cloud,
+// "cloud:PATH[,key=value...]", or Gaussian splats, "splat:FILE[,key=value...]".
 
 struct MeshSpec {
   std::string files;  // as ListMeshFiles takes them
@@ -118,8 +118,8 @@ CloudSpec ParseCloudSpec(const std::string& spec, MeshUse use);
 // is taken to be, `transform` names the frame that they were trained in.
 struct SplatSpec : MeshSpec {
   SplatDepth depth = SplatDepth::kMedian;
-  // nerfstudio's dataparser_transforms.json, which is undone before the placement: empty for the
-  // one beside the splats, if there is one; "none".
+  // nerfstudio's dataparser_transforms.json is undone before the placement: this is its path, empty
+  // for the one beside the splats, if there is one, or "none".
   std::string transform = {};
 };
 SplatSpec ParseSplatSpec(const std::string& spec, MeshUse use);

@@ -71,9 +71,10 @@ std::optional<EpipolarError> SplitByLine(const Eigen::Vector2d& error_px,
 struct ViewError {
   int reference;
   bool own;  // the point was lifted from this reference: it agrees trivially
-  // The keypoint matched in this reference (where the query keypoint is matched with several of its
-  // keypoints, the one nearest to the projection), and the projection of the point relative to it;
-  // nullopt where it is behind the reference or outside its lens model's domain.
+  // `reference_px` is the keypoint matched in this reference (where the query keypoint is matched
+  // with several of its keypoints, the one nearest to the projection), and `error_px` the
+  // projection of the point relative to it; nullopt where the point is behind the reference or
+  // outside its lens model's domain.
   Eigen::Vector2d reference_px;
   std::optional<Eigen::Vector2d> error_px;
 };

@@ -16,7 +16,7 @@ namespace raylift {
 
 struct SfmOptions {
   // Features that are not the model's own take the nearest of its keypoints with a 3D point within
-  // this radius; 0: none.
+  // this radius; with 0 they have no point.
   double radius_px = 2;
   // Points that fewer images observe, or whose mean reprojection error is larger, are not used.
   size_t min_track_length = 0;

@@ -99,18 +99,18 @@ struct CauseFit {
 
 using CauseFitter = std::function<std::optional<CauseFit>()>;
 
-// Each fits one cause to the training samples; views and samples must outlive the fitters. Motions
-// of pixels or of the camera:
+// Return fitters, each of which fits one cause to the training samples; views and samples must
+// outlive them. MotionFitters() returns those of motions of pixels or of the camera.
 std::vector<CauseFitter> MotionFitters(std::span<const ExplainedView> views,
                                        std::span<const CauseSample> training);
-// Depths of neighbors:
+// FilterFitters() returns those of causes that give a pixel the depth of its neighbors.
 std::vector<CauseFitter> FilterFitters(std::span<const ExplainedView> views,
                                        std::span<const CauseSample> training);
 // Returns the share of pixels at depth edges of the truth that lie between its two surfaces, on
 // none of their neighbors', in percent. Neither a factor of a view counts, nor what errors as they
 // are elsewhere would do.
 double FlyingPercent(std::span<const ExplainedView> views, std::span<const CauseSample> samples);
-// Changes of the values (value_models.h):
+// ValueFitters() returns those of changes of the values (value_models.h).
 std::vector<CauseFitter> ValueFitters(std::span<const ExplainedView> views,
                                       std::span<const CauseSample> training);
 

@@ -68,13 +68,13 @@ class ConventionResiduals {
   void Prepare(std::span<const DataConvention> conventions, int threads);
 
   // Returns the factors by which the depth of each map agrees best with its matches; those of maps
-  // with few matches are the others' median. All 1 where the source is a surface in the world.
+  // with few matches are the others' median. All are 1 where the source is a surface in the world.
   MapScales FitScales(const DataConvention& convention) const;
 
   ConventionFit FitOf(const DataConvention& convention,
                       std::span<const double> log_factor_of_map) const;
 
-  // Returns the error in pixels of a keypoint at a depth z; `kLargestPx` at most.
+  // Returns the error in pixels, at most `kLargestPx`, of a keypoint at a depth z.
   double ErrorAt(const DataConvention& convention, size_t keypoint, double z) const;
   // Returns the triangulated depth of each keypoint; nullopt where the match does not tell.
   std::vector<std::optional<TriangulatedDepth>> Triangulated(PoseConvention poses) const;

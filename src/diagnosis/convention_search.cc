@@ -13,7 +13,8 @@ namespace {
 
 constexpr double kFewestSigmas = 5;
 constexpr size_t kFewestPairsForShift = 40;
-// A smaller mean gain in c changes no result: errors that are smaller by a hundredth.
+// A smaller mean gain in c changes no result; this is that of errors that are smaller by a
+// hundredth.
 constexpr double kSmallestGain = 0.02;
 // A scale that is nearer to 1 is left to calibration.
 constexpr double kSmallestScaleChange = 0.03;

@@ -12,7 +12,8 @@
 
 namespace raylift {
 
-// Standard errors rest on so many; a shift, whose gain is small, needs more pairs of images.
+// Standard errors rest on so many pairs of images and keypoints at least; a shift, whose gain is
+// small, needs more pairs.
 inline constexpr size_t kFewestPairs = 10;
 inline constexpr size_t kFewestKeypoints = 50;
 

@@ -24,11 +24,11 @@ using Eigen::Vector2d;
 constexpr int kBlockPx = 16;
 constexpr size_t kMinBlocks = 20;
 constexpr size_t kMaxSamples = 20000;  // of all views; bounds the time
-// Three standard errors: one in 700 by chance.
+// Three standard errors are exceeded by chance once in 700 times.
 constexpr double kSure = 3;
 constexpr double kMinExplained = 0.5;  // most of it
-// The lead over another cause: a tenth of what is left, so that nothing hangs on what neither
-// models.
+// A cause must lead over every other one by a tenth of what is left, so that nothing hangs on what
+// neither models.
 constexpr double kMinLeadOfRest = 0.1;
 constexpr double kLeastFlyingPercent = 8;
 constexpr double kLeastError = 0.008;  // as of the finding "noise"
@@ -60,7 +60,7 @@ struct Halves {
   size_t judging_blocks = 0;
 };
 
-// Blocks of pixels like the fields of a chessboard.
+// Splits the blocks of pixels into two halves, like the fields of a chessboard.
 Halves Split(std::span<const ExplainedView> views) {
   size_t pixels = 0;
   for (const ExplainedView& view : views) pixels += view.truth.z.size();
@@ -367,7 +367,8 @@ namespace {
 
 // A misalignment is the same for all images: a few tell it as well as all.
 constexpr size_t kMaxViews = 8;
-// Larger than what is compared else: steps of values show at a map's own pixels alone, not between.
+// This is larger than for other comparisons: steps of values show at a map's own pixels alone, not
+// between.
 constexpr int kMaxSidePx = 1024;
 
 }  // namespace

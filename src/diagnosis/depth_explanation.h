@@ -52,7 +52,7 @@ struct ExplainedView {
   std::array<std::optional<Rigid3>, 2 * kMaxFrames + 1> frames_from_cam;
   std::string name = {};  // of the image
   // Returns the true z-depth that a camera sees at a pixel which stands there in place of the
-  // image's, 0 where there is none. Empty where the truth is known by its map alone.
+  // image's, 0 where there is none. It is empty where the truth is known by its map alone.
   std::function<double(const Rigid3& cam_from_map_camera, const Eigen::Vector2d& pixel)>
       truth_from = {};
 };
@@ -86,9 +86,9 @@ struct DepthMisalignment {
   bool IsNone() const;
 };
 
-// Returns what the misaligned camera sees of a map that `camera` sees; shift in pixels of the
-// camera's size. Applied to a pixel of the result in the order of the fields. Pixels that see what
-// the map does not show are holes.
+// Returns what the misaligned camera sees of a map that `camera` sees. The shift is in pixels of
+// the camera's size, and the fields are applied to a pixel of the result in their order. Pixels
+// that see what the map does not show are holes.
 DepthMap MisalignDepth(const DepthMap& map, const Camera& camera,
                        const DepthMisalignment& misalignment);
 

@@ -51,7 +51,7 @@ class LogRatios {
     return MidpointMedianInPlace(std::span(values));
   }
 
-  // The median of each block that has enough pixels.
+  // Returns the median of each block that has enough pixels.
   std::vector<double> BlockMedians() const {
     std::vector<double> medians;
     std::vector<float> values;
@@ -79,7 +79,7 @@ class LogRatios {
     return differences.empty() ? 0 : SigmaOf(differences);
   }
 
-  // The same of the pixels of similar depth.
+  // Returns the noise of the pixels of similar depth, from near to far.
   std::vector<NoiseLevel> NoiseLevels(const DepthMap& truth) const {
     auto differences = SecondDifferences();
     std::sort(differences.begin(), differences.end(), [&](const auto& a, const auto& b) {
@@ -113,7 +113,8 @@ class LogRatios {
     return differences;
   }
 
-  // The variance of these is six times that of independent noise.
+  // Returns the standard deviation of independent noise with these second differences, whose
+  // variance is six times its own.
   static double SigmaOf(std::span<const SecondDifference> differences) {
     std::vector<float> absolute;
     absolute.reserve(differences.size());

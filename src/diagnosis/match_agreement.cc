@@ -14,7 +14,9 @@
 namespace raylift {
 namespace {
 
-// Far points of nearly parallel rays may seem to lie behind the cameras: then by their direction.
+// Returns the distance of a match from the projection of a line's direction. Far points of nearly
+// parallel rays may seem to lie behind the cameras, and are judged by that. nullopt where the
+// direction has no pixel.
 std::optional<double> DistanceFromInfinity(const SightLine& line, const Camera& camera,
                                            const Eigen::Vector2d& match_px) {
   const auto projected = camera.ImgFromCam(line.direction);

@@ -241,7 +241,8 @@ std::vector<MeshFrameSearch::Candidate> MeshFrameSearch::Shifted() const {
   return BestDifferent(std::move(candidates), 32);
 }
 
-// Many starts come to the same placement, which is to take one place only.
+// Returns the best `count` placements that differ from each other, as many starts come to the same
+// one.
 std::vector<MeshFrameSearch::Candidate> MeshFrameSearch::BestDifferent(
     std::vector<Candidate> candidates, size_t count) const {
   KeepBest(candidates, candidates.size());

@@ -23,7 +23,7 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-// Half of the half pixel by which conventions of pixel centers differ.
+// This is half of the half pixel by which conventions of pixel centers differ.
 constexpr double kLeastMovePx = 0.25;
 constexpr double kStopPx = 1.0 / 64;
 // In the last steps the truth is rendered again, at some of the samples, if that may explain most.
@@ -242,7 +242,8 @@ class MotionFitter {
 
   double FocalFactor(double corner_px) const { return 1 + corner_px / HalfDiagonalPx(); }
 
-  // The estimated points, moved to where the image's camera stands, against what it sees there.
+  // Returns the model that moves the estimated points to where the image's camera stands, and
+  // compares them with what it sees there.
   MotionModel RigidMotion(
       const std::function<std::optional<Rigid3>(size_t)>& cam_from_map_camera) const {
     std::vector<std::optional<Rigid3>> motions;

@@ -59,7 +59,8 @@ std::optional<WrapFault> FindWrap(const DoctorInput& input, const ConventionResi
                                   const DataConvention& convention, double largest,
                                   double baseline_error_px, IsGoodFit is_good);
 
-// z or 1 / z = factor * stored + shift.
+// Says which of the two is an affine function of what is stored:
+//   z or 1 / z = factor * stored + shift
 struct AffineForm {
   bool inverse = true;
   bool common = true;  // the same of all maps

@@ -19,7 +19,7 @@ constexpr double kLeastScale = 0.02;  // of the depth, as of the finding "scale"
 constexpr double kLeastQuantizationError = 0.001;
 constexpr double kLeastClampedShare = 0.01;
 
-// Functions of the depth, of which a curve through any points is the general form.
+// This is the general form of all functions of the depth, as it is a curve through any points.
 constexpr DepthFault kGeneral = DepthFault::kCurve;
 
 // Returns the value at `x` of the line through points whose `at` rises; as at the nearest end
@@ -113,7 +113,7 @@ class ValueFitter {
                     }};
   }
 
-  // Values are a / depth + b, or the depth is taken for such a value.
+  // Returns the fit of values that are a / depth + b, or of depth that is taken for such values.
   std::optional<CauseFit> Disparity() const {
     auto fit = Lines(
         DepthFault::kDisparity, [](const CauseSample& s) { return 1 / s.truth; },
@@ -132,7 +132,7 @@ class ValueFitter {
     return fit;
   }
 
-  // Lengths of rays read as z (power 1), or z as lengths (-1).
+  // Returns the fit of lengths of rays read as z (power 1), or of z read as lengths (-1).
   std::optional<CauseFit> RayLength(double power) const {
     return CauseFit{DepthFault::kRayLength,
                     {power},
@@ -142,8 +142,8 @@ class ValueFitter {
                     }};
   }
 
-  // Any function of the depth: ln(estimated / true) is linear in ln(true) between the medians of
-  // parts of the samples.
+  // Returns the fit of any function of the depth, where ln(estimated / true) is linear in ln(true)
+  // between the medians of parts of the samples.
   std::optional<CauseFit> Curve() const {
     constexpr size_t kParts = 48;
     std::vector<std::pair<double, double>> samples;
@@ -176,7 +176,7 @@ class ValueFitter {
   }
 
  private:
-  // Values of the training samples of a view.
+  // Returns the values of the training samples of a view, or of all views for nullopt.
   template <typename Function>
   std::vector<double> Collect(std::optional<size_t> view, Function value) const {
     std::vector<double> values;
@@ -186,7 +186,7 @@ class ValueFitter {
     return values;
   }
 
-  // A line from a to b in each view.
+  // Returns the fit of a line from a to b in each view.
   template <typename From, typename To, typename Predict>
   std::optional<CauseFit> Lines(DepthFault cause, From from, To to, Predict predict) const {
     std::vector<ValueLine> lines;

@@ -16,7 +16,8 @@ namespace {
 // Hardly any two pixels of a continuous map agree.
 constexpr size_t kMinPixelsPerValue = 3;
 constexpr size_t kMinValues = 3;
-// The relative precision of values of one step: float, and interpolation between equal ones.
+// Values of one step agree with this relative precision: that of float, and of interpolation
+// between equal ones.
 constexpr double kSame = 1e-6;
 // A value may miss its step by this share of it, and this share of values may miss it by more:
 // interpolation between steps gives some.

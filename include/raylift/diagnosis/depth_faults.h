@@ -160,7 +160,8 @@ struct DepthExplanation {
   double noise = 0;
   // The error is more than noise, with any cause or none.
   bool is_beyond_noise = false;
-  // kScale: a factor for each view explains the error; other measures tell more of it.
+  // With kScale a factor for each view explains the error; other measures tell more of it. nullopt
+  // where no cause is named.
   std::optional<DepthFault> cause;
   // The parameters of the cause. Shift: x, y in pixels of the image by which the map lies off.
   // Rotation: the vector in degrees, displacement: scene units, of cam_from_map_camera. Zoom: the
@@ -175,7 +176,7 @@ struct DepthExplanation {
   std::vector<double> size;
   double explained_percent = 0;   // of what is beyond noise
   std::vector<DepthFault> alike;  // the best causes where they explain it alike; none is named
-  // Share of the pixels at depth edges that lie between the two surfaces, percent.
+  // This share of the pixels at depth edges, in percent, lies between the two surfaces.
   double flying_percent = 0;
   std::string worst_place;  // "cam/1.jpg at 320, 240": of the largest errors
   std::string text;  // "shift: maps lie 2.0, -1.0 px off"; of causes that explain it alike: which

@@ -81,8 +81,8 @@ struct ConventionEvidence {
   double median_px = 0;      // their distance from their matches
   double share_within_5px = 0;
   double median_own_scale_px = 0;  // with each map at the scale that suits it best
-  // The gain over the input as read (negative: worse): its mean in c, and that over its standard
-  // error.
+  // These are the mean in c of the gain over the input as read, negative where it is worse, and
+  // that over its standard error.
   double gain = 0;
   double sigmas = 0;
 };
@@ -95,7 +95,7 @@ std::string DescribeDifference(const DataConvention& as_read, const DataConventi
 struct RepairOptions {
   std::vector<std::string> geometry_keys;  // "kind=ray"
   std::optional<PoseConvention> model_poses = std::nullopt;
-  // Keys of the specification that the others replace, or that are to be removed.
+  // These keys of the specification are replaced by the others, or are to be removed.
   std::vector<std::string> replaced_keys = {};
 };
 RepairOptions FindRepair(const DataConvention& as_read, const DataConvention& other);

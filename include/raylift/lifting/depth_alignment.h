@@ -82,7 +82,7 @@ enum class AlignMode {
   kScale,   // one factor per map
   kAffine,  // factor and shift
   kGrid,    // factors on a coarse grid, bilinear between (low frequencies in log depth)
-  // The first of these modes that predicts held-out matches as well as any.
+  // Takes the first of these modes that predicts held-out matches as well as any.
   kAuto,
 };
 template <>

@@ -94,11 +94,13 @@ struct BundleLayout {
   // Paths of the file, relative to the folder (which may itself be such a file), in the order of
   // preference.
   std::vector<std::string> files = {};
-  // The images whose maps it holds, in their order, and the file that says it, if one does.
+  // These are the images whose maps it holds, in their order, and the file that says it, if one
+  // does.
   std::vector<std::string> names = {};
   std::filesystem::path names_file = {};
   std::optional<PointFrame> points = std::nullopt;  // the array is one of points, (N, H, W, 3)
-  // The array of poses in a frame and scale of their own, (N, 3, 4) or (N, 4, 4); empty: none.
+  // Names the array of poses in a frame and scale of their own, (N, 3, 4) or (N, 4, 4); empty where
+  // there is none.
   std::string poses = {};
   PoseConvention pose_convention = PoseConvention::kCamFromWorld;
 };
@@ -106,19 +108,19 @@ struct BundleLayout {
 struct DepthConvention {
   DepthKind kind = DepthKind::kZ;
   MapOrientation orientation = MapOrientation::kAsStored;
-  // Scene units of a stored 1 (of kInverse: 1 / scene units). nullopt: 1 where the file holds
-  // floats, 0.001 (millimeters) where it holds integers.
+  // A stored 1 is so many scene units (with kInverse: 1 / scene units). With nullopt it is 1 where
+  // the file holds floats, and 0.001 (millimeters) where it holds integers.
   std::optional<double> unit = std::nullopt;
   double scale = 1;  // times this, for whole sources whose scale is off
-  // Stored values that mean no depth; values that are not finite or not positive always do.
+  // These stored values mean no depth; values that are not finite or not positive always do.
   std::vector<double> invalid_values = {};
   double max_depth = std::numeric_limits<double>::infinity();  // scene units; beyond: none
 
-  // Patterns of the path of an image's map, relative to the folder, in the order of preference.
-  // "{name}" is the image's name in the model, "{dir}" its folder, "{stem}" its file name without
-  // extension, "{base}" that up to the first dot, "{flat}" the folder and {base} joined by "_",
-  // "{flat7}" the same without the folder's "-", "{time}" the number in the folder nearest to
-  // {stem} as seconds (within 20 ms). Empty: the usual ones are tried.
+  // These are patterns of the path of an image's map, relative to the folder, in the order of
+  // preference. "{name}" is the image's name in the model, "{dir}" its folder, "{stem}" its file
+  // name without extension, "{base}" that up to the first dot, "{flat}" the folder and {base}
+  // joined by "_", "{flat7}" the same without the folder's "-", "{time}" the number in the folder
+  // nearest to {stem} as seconds (within 20 ms). If there are none, the usual ones are tried.
   std::vector<std::string> patterns = {};
   BundleLayout bundle = {};
   MapFit fit = MapFit::kWhole;
@@ -133,7 +135,7 @@ struct DepthConvention {
   // Pattern of a second map that says how far each depth can be trusted; depths below the threshold
   // are dropped. The worth of the confidences above it is learned (depth_confidence.h).
   std::string confidence_pattern = {};  // of a bundle: the array's name; empty: there is none
-  // In stored values; nullopt: none is dropped.
+  // Depths of a lower confidence, in stored values, are dropped; with nullopt none is.
   std::optional<double> confidence_threshold = 0.5;
 };
 
