@@ -22,7 +22,8 @@ void RotateSlopes(const Eigen::Matrix3f& rotation, const PixelRays::Slopes& colu
 // Computes out[i] = max(0, ray_t[i] * z[i]) for the 16 rays of a block.
 void DepthOfBlock(const HitBlock& hits, const RayBlock& rays_in_cam, float* out);
 
-// out[i] = ray_t[i] * the length of (x slope, y slope, 1).
+// Computes the distance of each lane's hit:
+//   out[i] = ray_t[i] * the length of (x slope, y slope, 1)
 void DistanceOfBlock(const HitBlock& hits, const PixelRays::Slopes& columns,
                      const PixelRays::Slopes& rows, float* out);
 

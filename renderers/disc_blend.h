@@ -36,7 +36,7 @@ struct Blend {
 // surface: their planes meet the ray where its does, within the scatter of both. Between their
 // centers there is a surface: the mean of their planes, by their precision, so that a disc across a
 // crease, whose points scatter, counts for little. Beyond their centers there is none: a surface
-// ends where its points do, and not a radius further on. `rounding`: what float coordinates
+// ends where its points do, and not a radius further on. `rounding` is what float coordinates
 // resolve.
 Blend BlendDiscs(const Surfels& surfels, const DiscRay& ray, uint32_t first,
                  std::span<const uint32_t> discs, double rounding);

@@ -32,7 +32,8 @@ using Device = std::unique_ptr<std::remove_pointer_t<RTCDevice>, ReleaseDevice>;
 using Scene = std::unique_ptr<std::remove_pointer_t<RTCScene>, ReleaseScene>;
 using Geometry = std::unique_ptr<std::remove_pointer_t<RTCGeometry>, ReleaseGeometry>;
 
-// kCoherent: the rays of a call run close together. Saying so of rays that do not halves the speed.
+// With kCoherent the rays of a call run close together. Saying so of rays that do not halves the
+// speed.
 enum class Coherence { kIncoherent, kCoherent };
 
 #if RAYLIFT_EMBREE_MAJOR >= 4

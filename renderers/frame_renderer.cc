@@ -96,7 +96,8 @@ class ViewColors {
 
   const Eigen::Vector3f& background() const { return shader_->background(); }
 
-  // n x n samples per pixel, whose rays are those of the pixel's center, moved by the differential.
+  // Stores the color of n x n samples per pixel, whose rays are those of the pixel's center, moved
+  // by the differential.
   void StoreSupersampled(const BlockArea& area) const {
     std::array<Eigen::Vector3f, RayBlock::kSize> sums;
     sums.fill(Eigen::Vector3f::Zero());
@@ -281,7 +282,7 @@ class ViewPass {
     if (options_.color && !refine_color()) colors_.StoreSupersampled(area);
   }
 
-  // Few pixels; the ray is made again in double.
+  // Refines the hits of grazing rays, which are few: each ray is made again in double.
   void RefineGrazing(int x0, int y0, HitBlock& hits) const {
     for (size_t i = 0; i < RayBlock::kSize; ++i) {
       if ((hits.grazing >> i & 1u) == 0) continue;
@@ -325,7 +326,7 @@ class ViewPass {
     });
   }
 
-  // Color of one sample per pixel: that of the pass's own hits.
+  // Says whether the color is that of one sample per pixel, which the pass's own hits give.
   bool refine_color() const {
     return options_.color && options_.color_options.samples_per_pixel_side == 1;
   }

@@ -46,7 +46,8 @@ struct LocalRay {
 // Embree takes no origin beyond half the root of the largest float.
 constexpr float kMostOfOrigin = 1e18f;
 
-// nullopt if a number is not finite or too large, or the direction has no length.
+// Returns a ray as Embree gets it; `length` is that of the direction. nullopt if a number is not
+// finite or too large, or the direction has no length.
 std::optional<LocalRay> MakeLocalRay(const EmbreeSurface& surface,
                                      const Eigen::Vector3d& origin_in_world,
                                      const Eigen::Vector3d& direction, double length) {
@@ -133,7 +134,7 @@ class BlendedCaster {
   }
 
  private:
-  // The first surface that discs make on the ray.
+  // Returns the first surface that discs make on the ray; nullopt where there is none.
   std::optional<RayHit> CastAtDiscs(const Ray& world_ray) {
     const double length = world_ray.direction_in_world.norm();
     const auto local =
@@ -296,7 +297,7 @@ void CastBatch(const EmbreeSurface& surface, std::span<const Ray> rays,
   }
 }
 
-// Rays at surfels and splats take their origin from an empty mesh.
+// Returns an empty mesh, from which rays at surfels and splats take their origin.
 std::shared_ptr<const TriangleMesh> EmptyMeshAt(const Eigen::Vector3d& origin_in_world) {
   auto mesh = std::make_shared<TriangleMesh>();
   mesh->origin_in_world = origin_in_world;

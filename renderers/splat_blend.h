@@ -49,11 +49,12 @@ struct SplatOnRay {
   uint32_t splat;  // among the packed ones
 };
 
-// nullopt if alpha < kLeastAlpha. Any t.
+// Returns what a Gaussian covers of a ray, at whatever t it is; nullopt if its alpha is below
+// kLeastAlpha.
 std::optional<SplatOnRay> MeetSplat(const PackedSplat& splat, uint32_t index, const SplatRay& ray);
 
-// Sorts by t and drops those that light does not reach. Where there are such: the t from which on
-// nothing counts.
+// Sorts by t and drops those that light does not reach, all but the first. Returns the t from which
+// on nothing counts; nullopt where light reaches all.
 std::optional<double> SortVisible(std::vector<SplatOnRay>& met);
 
 struct SplatBlend {

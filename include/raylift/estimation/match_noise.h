@@ -15,11 +15,12 @@ struct MatchNoise {
   double keypoint_px = 0;
   double keypoint_tail = 0;
   // Lifted points err along their rays, by a share of the distance: each by itself, those of a
-  // keypoint in common, and whole references by a factor (0: not estimated).
+  // keypoint in common, and whole references by a factor (0 where that is not estimated).
   double depth = 0;
   double common_depth = 0;
   double reference_factor = 0;
-  // Standard deviations of the references' poses, per axis; 0: not estimated.
+  // These are the standard deviations of the references' poses, per axis; 0 where they are not
+  // estimated.
   double reference_rotation_deg = 0;
   double reference_position = 0;  // scene units
 
@@ -42,7 +43,8 @@ struct KnownNoise {
 // the noise of its depths from its own pose's error.
 struct SceneNoise {
   KnownNoise keypoint_px, depth, common_depth;
-  // Mean and variance of the tail over the queries; a variance of 0: not known.
+  // These are the mean and the variance of the tail over the queries; where the variance is 0, they
+  // are not known.
   double keypoint_tail = 0;
   double keypoint_tail_variance = 0;
   // Priors of the references' errors (as MatchNoise has them). If one of them is known (from some

@@ -43,13 +43,14 @@ inline constexpr auto kEnumNames<Method> = std::to_array<EnumName<Method>>({
      "P3P per covisibility cluster of the references, best by inliers"},
 });
 
-// E5+1 and D3+1 judge poses by 2D-2D matches alone.
+// Returns whether a method judges poses by 2D-2D matches alone, as E5+1 and D3+1 do.
 constexpr bool Scores2D2DAlone(Method method) {
   return method == Method::kE5p1 || method == Method::kD3p1;
 }
-// All but E5+1 use 2D-3D matches.
+// Returns whether a method uses 2D-3D matches, as all but E5+1 do.
 constexpr bool Uses2D3D(Method method) { return method != Method::kE5p1; }
-// P3P and HLoc have nothing else, and D3+1 draws them; the others can do without.
+// Returns whether a method cannot do without 2D-3D matches: P3P and HLoc have nothing else, and
+// D3+1 draws them.
 constexpr bool Needs2D3D(Method method) {
   return method == Method::kP3p || method == Method::kHloc || method == Method::kD3p1;
 }
@@ -106,23 +107,26 @@ struct EstimatorOptions {
 
   double reprojection_threshold_px = 8.0;  // t_3D
   double sampson_threshold_px = 2.0;       // t_2D
-  // Standard deviation (scene units) of the 3D points whose match carries none: it widens a match's
-  // threshold by the point's error in pixels at its depth. 0: points are exact.
+  // This is the standard deviation (scene units) of the 3D points whose match carries none: it
+  // widens a match's threshold by the point's error in pixels at its depth. With 0 points are
+  // exact.
   double point_sigma = 0;
   // The prior of the noise, pooled over the scene's queries (PoolNoise()), for the robust
-  // refinement of both match sets together. nullopt: each query's noise is estimated from itself
-  // alone.
+  // refinement of both match sets together. With nullopt each query's noise is estimated from
+  // itself alone.
   std::optional<SceneNoise> scene_noise = std::nullopt;
   // Estimates the query's focal length with the pose, for photographs of unknown calibration,
   // within the factor `focal_range` of the camera's either way. Cameras without one (panoramas)
   // stay as they are. (A problem whose priors say that it is not known needs no option.)
   bool refine_focal = false;
   double focal_range = 1.3;
-  // The standard deviation of the query's focal length as a share of it, 0: exact; the pose takes
-  // it into account. nullopt: what the problem's priors say.
+  // This is the standard deviation of the query's focal length as a share of it, which the pose
+  // takes into account; with 0 the focal length is exact, and with nullopt the problem's priors say
+  // it.
   std::optional<double> focal_sigma = std::nullopt;
   // Standard deviations of the references' errors (ReferenceSigmas), which the robust refinement of
-  // both match sets together takes into account. nullopt: the problem's, or else scene_noise's.
+  // both match sets together takes into account. With nullopt they are the problem's, or else
+  // scene_noise's.
   std::optional<double> reference_factor_sigma = std::nullopt;
   std::optional<double> reference_rotation_sigma_deg = std::nullopt;
   std::optional<double> reference_position_sigma = std::nullopt;

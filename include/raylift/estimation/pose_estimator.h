@@ -114,7 +114,8 @@ struct PoseEstimate {
   double ransac_value = 0;
   double refined_value = 0;
 
-  // False where only the orientation is determined (E5+1 with all references at one center).
+  // This is false where only the orientation is determined (E5+1 with all references at one
+  // center).
   bool position_observable = true;
 
   // The query's camera with the refined focal length, where that was asked for or not known.

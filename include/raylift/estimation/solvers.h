@@ -22,8 +22,8 @@ namespace raylift {
 struct EstimatorOptions;
 struct PoseProblem;
 
-// Solves P3P, a camera from three points; up to 4 solutions, none for points on a line. Lambda
-// Twist (Persson and Nordberg, ECCV 2018).
+// Solves P3P, a camera from three points, by Lambda Twist (Persson and Nordberg, ECCV 2018). There
+// are up to 4 solutions, none for points on a line.
 std::vector<Rigid3> SolveP3p(std::span<const Eigen::Vector3d, 3> rays_in_cam,
                              std::span<const Eigen::Vector3d, 3> points_in_world);
 
@@ -36,8 +36,8 @@ std::vector<Rigid3> SolveGeneralizedP3p(std::span<const Eigen::Vector3d, 3> cent
 
 // Solves E5+1, a camera from five 2D-2D matches with one reference, which give its rotation and the
 // direction of its translation (Nister, TPAMI 2004), and a sixth match with another reference,
-// which gives the length (Zheng and Wu, ICCV 2015). Each reference's rays are in its own frame. Up
-// to 10 solutions, none where both references have one center.
+// which gives the length (Zheng and Wu, ICCV 2015). Each reference's rays are in its own frame.
+// There are up to 10 solutions, none where both references have one center.
 std::vector<Rigid3> SolveE5p1(std::span<const Eigen::Vector3d, 6> rays_in_cam,
                               std::span<const Eigen::Vector3d, 6> rays_in_reference,
                               const Rigid3& reference_from_world,
@@ -45,8 +45,8 @@ std::vector<Rigid3> SolveE5p1(std::span<const Eigen::Vector3d, 6> rays_in_cam,
 
 // Solves D3+1, a camera as in E5+1, but from three matches whose points are known in the
 // reference's frame up to one common positive factor (depth of any scale): P3P gives rotation and
-// direction, whatever the factor, and a fourth match with another reference the length. Up to 4
-// solutions.
+// direction, whatever the factor, and a fourth match with another reference the length. There are
+// up to 4 solutions.
 std::vector<Rigid3> SolveD3p1(std::span<const Eigen::Vector3d, 4> rays_in_cam,
                               std::span<const Eigen::Vector3d, 3> points_in_reference,
                               const Eigen::Vector3d& ray_in_fourth_reference,
@@ -62,8 +62,8 @@ std::vector<Rigid3> SolveUp2p(std::span<const Eigen::Vector3d, 2> rays_in_cam,
                               const Eigen::Vector3d& down_in_world);
 
 // Solves for a camera with a known center from two points: the rotation that turns their directions
-// into the rays, as nearly as the angle between them allows. One solution, none where they lie on
-// one line with the center.
+// into the rays, as nearly as the angle between them allows. There is one solution, none where they
+// lie on one line with the center.
 std::vector<Rigid3> SolveKnownCenter(std::span<const Eigen::Vector3d, 2> rays_in_cam,
                                      std::span<const Eigen::Vector3d, 2> points_in_world,
                                      const Eigen::Vector3d& center_in_world);

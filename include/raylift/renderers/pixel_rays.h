@@ -32,8 +32,8 @@ class PixelRays {
   bool is_pinhole() const { return !column_slopes_.empty(); }
 
   // Return a pinhole's slopes: the x slopes of the pixels (4 bx, ...) ... (4 bx + 3, ...), and the
-  // y slopes of the pixels (..., 4 by) ... (..., 4 by + 3), in the order of a RayBlock. NaN outside
-  // the picture.
+  // y slopes of the pixels (..., 4 by) ... (..., 4 by + 3), in the order of a RayBlock. They are
+  // NaN outside of the picture.
   using Slopes = std::array<float, RayBlock::kSize>;
   const Slopes& ColumnSlopes(int bx) const { return column_slopes_[static_cast<size_t>(bx)]; }
   const Slopes& RowSlopes(int by) const { return row_slopes_[static_cast<size_t>(by)]; }

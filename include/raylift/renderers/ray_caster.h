@@ -85,8 +85,8 @@ struct alignas(64) HitBlock {
   static constexpr uint32_t kNoTriangle = 0xffffffffu;
   std::array<float, RayBlock::kSize> ray_t;        // in lengths of the ray's direction; 0: no hit
   std::array<uint32_t, RayBlock::kSize> triangle;  // kNoTriangle where nothing is hit
-  // Bit i: ray i grazes its triangle, so that the rounding of its direction moves the hit by more
-  // than a few 1e-6 of its distance; RefineHit() with the direction in double corrects it.
+  // Bit i says that ray i grazes its triangle, so that the rounding of its direction moves the hit
+  // by more than a few 1e-6 of its distance; RefineHit() with the direction in double corrects it.
   uint32_t grazing;
 };
 

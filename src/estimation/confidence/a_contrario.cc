@@ -18,10 +18,10 @@ namespace {
 // Keypoints in one of 16 x 16 parts of the image are neighbors.
 constexpr int kNeighborCellsPerSide = 16;
 
-// 2D-2D matches of a sample of E5+1.
+// A sample of E5+1 has so many 2D-2D matches.
 constexpr double kSample2D2D = 6;
 
-// Radii of the ring in which wrong matches are counted, in thresholds.
+// Wrong matches are counted in the ring between these radii, in thresholds.
 constexpr double kInnerRing = 5;
 constexpr double kOuterRing = 15;
 

@@ -2,17 +2,18 @@
 //
 //   confidence = min(P_chance, P_alternative, P_patch, P_points, max(0.05, P_position))
 //
-//   P_chance       The inliers are not there by chance: 1 / (1 + NFA / L), with the expected number of
-//                  false alarms NFA (below) and how much likelier the priors make the pose, L.
+//   P_chance       The inliers are not there by chance: 1 / (1 + NFA / L), with the expected number
+//                  of false alarms NFA (below) and how much likelier the priors make the pose, L.
 //   P_alternative  No other pose explains the matches as well: 1 / (1 + the sum of the odds against
 //                  it) of those that RANSAC found and of one that is looked for in what the pose
 //                  leaves unexplained, as far as they are different answers.
 //   P_patch        1/2 where the inliers lie on a small part of what is matched.
-//   P_points       1/2 where the points of the keypoints that fit by their 2D-2D matches do not fit.
-//   P_position     The matches tell where the camera is: within 1.25 % of the distance to the scene, and
-//                  not by chance along the line on which the dominant reference leaves it. Where they
-//                  do not, the orientation holds all the same: so no less than what is needed for a
-//                  pose.
+//   P_points       1/2 where the points of the keypoints that fit by their 2D-2D matches do not
+//                  fit.
+//   P_position     The matches tell where the camera is: within 1.25 % of the distance to the
+//                  scene, and not by chance along the line on which the dominant reference leaves
+//                  it. Where they do not, the orientation holds all the same: so no less than what
+//                  is needed for a pose.
 //
 // NFA is an a-contrario test (Moisan and Stival, IJCV 2004): how many poses with so many inliers
 // would wrong matches give? Wrong matches fall anywhere, so each is an inlier with the share of the
@@ -82,13 +83,13 @@ struct InlierEvidence {
   int inlier_keypoints = 0;  // of which one match is an inlier
   // The logarithm of the expected number of poses that chance supports as well.
   double log_false_alarms = 0;
-  // One flag per match, true for an inlier: the 2D-3D matches, then the 2D-2D matches, of the sets
-  // in use.
+  // Holds one flag for each match, true for an inlier: the 2D-3D matches, then the 2D-2D matches,
+  // of the sets in use.
   std::vector<bool> inlier = {};
   double clustering = 1;  // inlier keypoints per cell of the image
   double chance = 0;      // that a keypoint with wrong matches alone is an inlier, on average
-  // Number of keypoints that have both a 2D-3D match and a 2D-2D inlier; how many of these are not
-  // due to chance; and how many have a 2D-3D inlier.
+  // `paired` counts the keypoints that have both a 2D-3D match and a 2D-2D inlier, `paired_right`
+  // those of them that are not due to chance, and `paired_agreeing` those that have a 2D-3D inlier.
   int paired = 0;
   double paired_right = 0;
   int paired_agreeing = 0;

@@ -17,15 +17,16 @@ struct alignas(64) JointKeypoints {
   Row image_from_cam[9];
   Row camera_center[3];
   Row px_by_log_focal[2];
-  // The unknowns, the probability that the query's pixel is right, and its precision over the mean
-  // one.
+  // These are the unknowns, the probability that the query's pixel is right, and its precision over
+  // the mean one.
   Row point[3];
   Row common;  // error of the depths
   Row query_right, query_precision;
 
-  // After linearizing: H_pp^-1, the upper triangle row by row, and g_p; both zero where nothing
-  // tells of the point. Then the query's Hessian by the point and the mean distance, d^2 cost / d p
-  // d focal length's logarithm, and the keypoint's part of the gradient by the query's unknowns.
+  // After linearizing `covariance` is H_pp^-1, the upper triangle row by row, and `gradient` is
+  // g_p; both are zero where nothing tells of the point. `query_hessian` is the query's Hessian by
+  // the point and the mean distance, `by_focal` is d^2 cost / d p d focal length's logarithm, and
+  // `pose_gradient` is the keypoint's part of the gradient by the query's unknowns.
   Row covariance[10];
   Row gradient[4];
   Row query_hessian[10];
@@ -44,21 +45,22 @@ struct alignas(64) JointObservations {
   Row extra_variance_px2;
   Row has_depth, log_distance, depth_variance;
   Row epipolar_clutter;
-  // The reference's error, and its last step: (rotation vector, translation, log scale).
+  // These are the reference's error and its last step: (rotation vector, translation, log scale).
   Row reference_error[7], reference_step[7];
-  // Probabilities that it is right, and its depth; the precision of its pixel over the mean one.
+  // These are the probabilities that the observation is right, and that its depth is, and the
+  // precision of its pixel over the mean one.
   Row weight, depth, precision;
 
-  // While voting: the pixel's residual as the point moves along the query's ray (at infinity,
-  // direction, offset, slope), its smallest square, and the density of a right depth over that of
-  // any.
+  // While voting these are the pixel's residual as the point moves along the query's ray (at
+  // infinity, direction, offset, slope), its smallest square, and the density of a right depth over
+  // that of any.
   Row scan[6], smallest_px2, depth_ratio;
-  // Linearized: the pixel's residual and the depth's, their derivatives by the point and their
-  // weights over their variances.
+  // When linearized, these are the pixel's residual and the depth's, their derivatives by the point
+  // and their weights over their variances.
   Row jacobian[6], error_px[2], pixel_weight;
   Row log_gradient[3], depth_error, depth_weight;
-  // After the E step: the pixel's error as all else predicts it, its covariance (xx, xy, yy), and
-  // whether (1 or 0) it says something of the noise.
+  // After the E step these are the pixel's error as all else predicts it, its covariance (xx, xy,
+  // yy), and whether (1 or 0) it says something of the noise.
   Row predicted_px[2], predicted_covariance[3], tells_noise;
 };
 

@@ -9,7 +9,7 @@
 
 namespace raylift::kernels {
 
-// joint.h
+// joint.h defines these.
 struct JointBlocks;
 struct JointParameters;
 struct JointVoting;
@@ -17,12 +17,12 @@ struct JointNormals;
 struct JointExpectation;
 struct JointSums;
 
-// 16 floats or 8 doubles.
+// A row of 64 bytes has so many lanes: 16 floats or 8 doubles.
 template <typename T>
 inline constexpr int kLanes = 64 / sizeof(T);
 
-// 2D-3D matches. With p = R x + t and n = image_from_ray * p, the residual is n.xy / n.z: pixels
-// over the threshold, exact for a pinhole camera and to first order for any other lens (see
+// Holds 2D-3D matches. With p = R x + t and n = image_from_ray * p, the residual is n.xy / n.z:
+// pixels over the threshold, exact for a pinhole camera and to first order for any other lens (see
 // PixelFrame in geometry/residuals.h; its rows are divided by the threshold here). A match counts
 // only where n.z > 0. Unused lanes have all rows zero and so never count.
 template <typename T>
@@ -35,8 +35,8 @@ struct alignas(64) Block2D3D {
   T variance_at_unit_depth[kLanes<T>];
 };
 
-// 2D-2D matches of one reference. Rays are unit vectors, the reference's turned to the problem's
-// world axes. The gradients are d ray / d pixel times the threshold, so that
+// Holds 2D-2D matches of one reference. Rays are unit vectors, the reference's turned to the
+// problem's world axes. The gradients are d ray / d pixel times the threshold, so that
 //   e^2 = (q . E r)^2 / (|G_q' E r|^2 + |G_r' E' q|^2)
 // is the squared Sampson error over the squared threshold. Unused lanes are zero and never count.
 template <typename T>

@@ -138,7 +138,7 @@ struct Mask {
     return r;
   }
 };
-// False where one of both is no number.
+// These compare lane by lane, and are false where one of both is no number.
 inline Mask operator<(const Lanes<double>& a, const Lanes<double>& b) {
   Mask r;
   for (int i = 0; i < Mask::kParts; ++i) r.part[i] = a.part[i] < b.part[i];

@@ -12,20 +12,20 @@
 namespace raylift {
 namespace {
 
-// Standard deviations. The cameras that well-known data sets have calibrated (TUM RGB-D's first
-// two, EuRoC's, KITTI's) have a principal point that is 1.3 % of the width from the middle, root
-// mean square of both coordinates, and a radial term of .29. Those of phones are less distorted:
-// kRadialSigma is between the two.
+// These are standard deviations. The cameras that well-known data sets have calibrated (TUM RGB-D's
+// first two, EuRoC's, KITTI's) have a principal point that is 1.3 % of the width from the middle,
+// root mean square of both coordinates, and a radial term of .29. Those of phones are less
+// distorted: kRadialSigma is between the two.
 constexpr double kPrincipalPointSigma = 0.013;  // of the longer side
 constexpr double kRadial2Sigma = 0.1;           // of the term of the fourth power: EuRoC's is .07
 
-// Camera::params() of RADIAL.
+// These are the places in Camera::params() of RADIAL.
 enum Param : size_t { kFocal, kCenterX, kCenterY, kRadial, kRadial2 };
 
 constexpr int kRounds = 15;
 constexpr size_t kLeastKeypoints = 11;  // as many as unknowns
-// The median of a squared residual over its variance per coordinate, 2 log 2, and the degrees of
-// freedom nu of Student's t, which gives a residual of zero the weight 1 + 2 / nu.
+// These are the median of a squared residual over its variance per coordinate, 2 log 2, and the
+// degrees of freedom nu of Student's t, which gives a residual of zero the weight 1 + 2 / nu.
 constexpr double kMedianOfSquare = 1.386;
 constexpr double kDegrees = 4;
 

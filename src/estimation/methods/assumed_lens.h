@@ -14,7 +14,8 @@
 
 namespace raylift {
 
-// Standard deviation of a lens's radial term, and the furthest from 0 that it is searched for.
+// These are the standard deviation of a lens's radial term, and the furthest from 0 that it is
+// searched for.
 inline constexpr double kRadialSigma = 0.2;
 inline constexpr double kFurthestRadial = 2 * kRadialSigma;
 

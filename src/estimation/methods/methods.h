@@ -29,12 +29,12 @@ struct RansacMethod {
   SolverSchedule schedule = SolverSchedule::kAll;
   MatchSets scored;
   ScoreCombination score;
-  // The matches of the final refinement; nullopt: those that optimized the pose.
+  // The final refinement takes these matches; with nullopt it takes those that optimized the pose.
   std::optional<MatchSets> refined = std::nullopt;
 };
 RansacMethod P3pMethod(const EstimatorOptions& options);
 RansacMethod E5p1Method(const EstimatorOptions& options);
-// Returns the one RANSAC of a method; HLoc's of each cluster, and Select's first.
+// Returns the one RANSAC of a method: for HLoc that of each cluster, for Select the first one.
 RansacMethod RansacMethodOf(const EstimatorOptions& options);
 
 // A refined pose keeps at least this share of what RANSAC's gains over a pose that nothing fits.

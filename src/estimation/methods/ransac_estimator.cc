@@ -191,7 +191,8 @@ std::vector<CamFromLocal> OtherPoses(const RansacReport& report) {
 
 // Returns the distance within which pixels show one feature: a fourth of the noise, as two noisy
 // pixels of one point are that near in one case of sixty, 1 - exp(-1/64). The noise is the scene's,
-// if known, else the thresholds'. The paper's methods take each match for itself: 0.
+// if known, else the thresholds'. It is 0 for the paper's methods, which take each match for
+// itself.
 double SameWithinPx(const EstimatorOptions& options) {
   if (options.refinement != Refinement::kRobust) return 0;
   const double by_thresholds_px =

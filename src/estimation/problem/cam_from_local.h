@@ -9,8 +9,8 @@
 
 namespace raylift {
 
-// x_cam = rotation * x_local + translation. The minimal solvers return it, too: their local frame
-// is that of the points that they are given.
+// Takes points to the camera's frame: x_cam = rotation * x_local + translation. The minimal solvers
+// return it, too: their local frame is that of the points that they are given.
 struct CamFromLocal {
   Eigen::Matrix3d rotation;
   Eigen::Vector3d translation;

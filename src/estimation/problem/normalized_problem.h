@@ -76,7 +76,8 @@ inline Eigen::Vector2d PxByLogFocal(const Camera& camera, const Eigen::Vector2d&
 // The uncertainty of the query's focal length, by the same share for all of its cameras.
 struct FocalUncertainty {
   double sigma = 0;  // of its logarithm; 0: it is exact, and the lists are empty
-  // Derivatives of the pixels of the matches in use by that logarithm (PxByLogFocal()).
+  // These are the derivatives of the pixels of the matches in use by that logarithm
+  // (PxByLogFocal()).
   std::vector<Eigen::Vector2d> px_2d3d, px_2d2d;
 };
 
@@ -85,7 +86,7 @@ template <typename T>
 struct Blocks2D3D {
   std::vector<kernels::Block2D3D<T>> blocks;
   std::vector<int> block_camera;
-  // Index of the point in each lane, -1 for an unused one.
+  // Holds the index of the point in each lane, -1 for an unused one.
   std::vector<int> lane_match;
 };
 // Fills blocks with the selected points. `selection` must list the points of a camera next to each

@@ -18,7 +18,8 @@ namespace raylift {
 // An observation of a keypoint in a reference (a 2D-2D match), and its distance if the geometry has
 // one.
 struct Observation {
-  // n = image_from_ray (P - center), P in the local frame: the residual n.xy / n.z is in pixels.
+  // The residual n.xy / n.z with n = image_from_ray (P - center), P in the local frame, is in
+  // pixels.
   Eigen::Matrix3d image_from_ray;
   Eigen::Vector3d center;
   Eigen::Vector3d ray;        // unit
@@ -69,8 +70,8 @@ struct KeypointEvidence {
   std::vector<KeypointObservations> keypoints;
   std::vector<Observation> observations;
   std::vector<UnanchoredPoint> unanchored;
-  // The references' centers, local frame; then the middle of the unanchored points, which may be
-  // off as a whole as a reference may.
+  // Holds the references' centers in the local frame, then the middle of the unanchored points,
+  // which may be off as a whole as a reference may.
   std::vector<Eigen::Vector3d> centers;
   double matched_area_px2 = 1;
   int num_image_cells = kImageCellsPerSide * kImageCellsPerSide;  // of all images of the query

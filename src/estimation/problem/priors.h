@@ -22,7 +22,7 @@ namespace raylift {
 class NormalizedPriors {
  public:
   NormalizedPriors() = default;
-  // `centers`: of the references, local. Throws InputError for a prior that is not finite.
+  // `centers` are those of the references, local. Throws InputError for a prior that is not finite.
   NormalizedPriors(const PosePriors& priors, const Eigen::Vector3d& origin_in_world, double scale,
                    std::span<const Eigen::Vector3d> centers);
 

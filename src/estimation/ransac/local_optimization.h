@@ -23,7 +23,7 @@ struct OptimizationPolicy {
   int max_near_best;
   OptimizedMatches matches;
 };
-// The paper optimizes each new best pose at once, on all matches.
+// Returns the policy; the paper's is to optimize each new best pose at once, on all matches.
 constexpr OptimizationPolicy PolicyOf(Refinement refinement) {
   return refinement == Refinement::kPaper ? OptimizationPolicy{1, 0, OptimizedMatches::kAll}
                                           : OptimizationPolicy{10, 6, OptimizedMatches::kEnough};

@@ -64,8 +64,8 @@ class BestOf2D2D {
     }
   }
 
-  // Returns them, locally optimized, where they are other answers than the best pose and leave it
-  // in doubt. `scorer` scores both.
+  // Returns the best hypotheses of the solvers, locally optimized, where they are other answers
+  // than the best pose and leave it in doubt. `scorer` scores both.
   std::vector<RansacResult> ApartFrom(const RansacResult& best, const Scorer& scorer) const {
     std::vector<RansacResult> others;
     const SetScores of_best = scorer.ScoreAll(best.pose);

@@ -42,11 +42,11 @@ bool AreApart(const CamFromLocal& a, const CamFromLocal& b);
 struct RansacReport {
   std::optional<RansacResult> best;
   double best_value = 0;  // PoseScore::Value()
-  // Locally optimized poses elsewhere that explain at least half as much as the best one.
+  // These locally optimized poses are elsewhere, and explain at least half as much as the best one.
   std::vector<CamFromLocal> alternatives;
-  // The locally optimized poses of E5+1 and of D3+1 that score best on the 2D-2D matches alone, if
-  // they were asked for (RansacOptions::keeps_best_of_2d2d), are apart from the best one and leave
-  // it in doubt.
+  // These are the locally optimized poses of E5+1 and of D3+1 that score best on the 2D-2D matches
+  // alone, if they were asked for (RansacOptions::keeps_best_of_2d2d), are apart from the best one
+  // and leave it in doubt.
   std::vector<RansacResult> best_of_2d2d;
   int iterations = 0;
 };

@@ -29,7 +29,7 @@ std::array<int, kCount> DrawDistinct(Rng& rng, int n) {
   return indices;
 }
 
-// Fourth matches tried per P3P solution of D3+1.
+// D3+1 tries so many fourth matches for each solution of P3P.
 constexpr int kFourthMatchesPerSample = 2;
 
 // Draws one match of all groups, whose sizes sum to `total`: returns its group, and its position

@@ -60,8 +60,8 @@ class MatchesElsewhere {
   int count_ = 0;
 };
 
-// Sixth matches tried per essential matrix of E5+1, as they cost little beside the five-point
-// solver. The paper draws one sample of 5+1 (Sec. 3).
+// Returns how many sixth matches are tried for each essential matrix of E5+1, as they cost little
+// beside the five-point solver. The paper draws one sample of 5+1 (Sec. 3).
 constexpr int SixthMatchesPerSample(Refinement refinement) {
   return refinement == Refinement::kPaper ? 1 : 2;
 }

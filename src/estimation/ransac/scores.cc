@@ -8,7 +8,8 @@
 namespace raylift {
 namespace {
 
-// Blocks between two checks against the best score: enough to keep the reductions cheap.
+// So many blocks lie between two checks against the best score: enough to keep the reductions
+// cheap.
 constexpr int kBlocksPerCheck = 8;
 
 // The score of the part of a set that has been seen. A match gains what it costs less than one.

@@ -12,7 +12,8 @@
 
 namespace raylift {
 
-// A match set's part: `cost` is the MSAC sum over the squared threshold, M / t^2, over all matches.
+// Holds a match set's part: `cost` is the MSAC sum over the squared threshold, M / t^2, over all
+// matches.
 struct SetScore {
   double cost = 0;
   int inliers = 0;
@@ -39,14 +40,14 @@ struct InlierCounts {
 // (EstimatorOptions::score).
 class PoseScore {
  public:
-  // `num_2d3d` and `num_2d2d`: all matches of the problem.
+  // `num_2d3d` and `num_2d2d` count all matches of the problem.
   PoseScore(MatchSets sets, ScoreCombination combination, int num_2d3d, int num_2d2d,
             Refinement refinement = Refinement::kRobust);
 
   MatchSets sets() const { return sets_; }
 
-  // Returns the pose's value, smaller is better. Monotone: it grows with each cost and falls with
-  // either inlier count, so a bound on each gives a bound on the whole. Priors cost like so many
+  // Returns the pose's value, smaller is better. It grows with each cost and falls with either
+  // inlier count, so that a bound on each gives a bound on the whole. Priors cost like so many
   // matches of each set.
   double Value(const SetScores& score) const;
 

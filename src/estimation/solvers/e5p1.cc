@@ -14,15 +14,15 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using Rays = std::array<Vector3d, 5>;
 
-// Polynomials in (x, y, z), where E = x X + y Y + z Z + W.
+// These hold polynomials in (x, y, z), where E = x X + y Y + z Z + W.
 struct Linear {  // x y z 1
   double c[4];
 };
 struct Quadric {  // xx xy xz x yy yz y zz z 1
   double c[10];
 };
-// Nister's order: the ten monomials of degree two or more in (x, y) first, then those of
-// x, y and 1 with their powers of z:
+// The coefficients are in Nister's order: the ten monomials of degree two or more in (x, y) first,
+// then those of x, y and 1 with their powers of z:
 //   xxx yyy xxy xyy xxz xx yyz yy xyz xy | xzz xz x yzz yz y zzz zz z 1
 struct Cubic {
   double c[20];
@@ -185,7 +185,8 @@ bool EliminateLeadingMonomials(Cubic rows[10]) {
   return true;
 }
 
-// Row a - z * row b: a polynomial in z for each of x, y and 1; coefficients by the power of z.
+// Holds row a - z * row b, a polynomial in z for each of x, y and 1, as coefficients by the power
+// of z.
 struct EliminatedRow {
   double x[4];
   double y[4];

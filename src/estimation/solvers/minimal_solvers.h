@@ -49,7 +49,7 @@ int SolveEssential(const std::array<Eigen::Vector3d, 5>& query_rays,
                    const std::array<Eigen::Vector3d, 5>& reference_rays,
                    std::span<Eigen::Matrix3d, kMaxFivePointSolutions> essentials);
 
-// query_from_reference up to the length of the translation, which is one.
+// Is query_from_reference up to the length of the translation, which is one.
 struct RelativePose {
   Eigen::Matrix3d rotation;
   Eigen::Vector3d direction;
@@ -97,8 +97,8 @@ int SolveRelativePoseByDepth(const std::array<Eigen::Vector3d, 3>& query_rays,
 // Poses from two 2D-3D matches, where the camera's center or its vertical direction is known.
 
 // Returns the pose at a center whose rotation turns the directions of two points from there into
-// their rays, as nearly as the angle between them allows. `rays`: unit vectors in the camera frame.
-// nullopt where the rays, or the points as seen from the center, lie in one line.
+// their rays, as nearly as the angle between them allows. `rays` are unit vectors in the camera
+// frame. nullopt where the rays, or the points as seen from the center, lie in one line.
 std::optional<CamFromLocal> SolvePoseAtCenter(const std::array<Eigen::Vector3d, 2>& rays,
                                               const std::array<Eigen::Vector3d, 2>& points_in_world,
                                               const Eigen::Vector3d& center_in_world);
@@ -108,7 +108,7 @@ std::optional<CamFromLocal> SolvePoseAtCenter(const std::array<Eigen::Vector3d, 
 // solutions to minimal absolute pose problems with known vertical direction", ACCV 2010, by the two
 // depths). Rays and directions of gravity have length 1. Returns their count; 0 for a degenerate
 // sample: both rays level, or one point above the other. `centers` are those of the cameras that
-// see the points, in the frame of the pose: zeros, but of a rig.
+// see the points, in the frame of the pose; they are zero, but for a rig.
 int SolveUprightPose(const std::array<Eigen::Vector3d, 2>& centers,
                      const std::array<Eigen::Vector3d, 2>& rays,
                      const std::array<Eigen::Vector3d, 2>& points_in_world,

@@ -111,7 +111,7 @@ EigenPair EigenvectorsOfRankTwo(const RankTwoForm& m) {
   return {large, small, vector_of(large), vector_of(small)};
 }
 
-// Squared side lengths of the triangle, and -2 times the cosines between the rays.
+// Holds the squared side lengths of the triangle, and -2 times the cosines between the rays.
 struct TriangleEquations {
   double a12, a13, a23;
   double b12, b13, b23;
@@ -259,7 +259,7 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// Coefficients by ascending powers.
+// Holds coefficients by ascending powers.
 template <int kDegree>
 using Polynomial = std::array<double, static_cast<size_t>(kDegree + 1)>;
 

@@ -1,5 +1,5 @@
-// The real roots of a polynomial of fixed degree, isolated by Sturm's theorem and refined by a
-// bracketed Newton iteration. Stack only.
+// Finds the real roots of a polynomial of fixed degree, isolated by Sturm's theorem and refined by
+// a bracketed Newton iteration, on the stack alone.
 
 #pragma once
 
@@ -118,8 +118,8 @@ double RefineRoot(const std::array<double, kDegree + 1>& p, double a, double b) 
 }
 
 // Writes the simple real roots to `roots`, in ascending order, and returns their count (a double
-// root may be missed). `p[i]` belongs to x^i. 0 for a polynomial that is not finite or has no
-// leading coefficient.
+// root may be missed). `p[i]` belongs to x^i. Returns 0 for a polynomial that is not finite or has
+// no leading coefficient.
 template <int kDegree>
 int RealRoots(const std::array<double, kDegree + 1>& p, std::array<double, kDegree>& roots) {
   double sum = 0;

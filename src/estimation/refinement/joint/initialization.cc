@@ -74,7 +74,7 @@ struct ObservedError {
   double squared_gain;  // variance of the error per squared pixel of noise
 };
 
-// A strided part is enough to tell a deviation to a few per cent.
+// Returns evenly spaced errors, as a part is enough to tell a deviation to a few per cent.
 constexpr size_t kEnoughErrors = 400;
 std::vector<ObservedError> Strided(const std::vector<ObservedError>& errors) {
   const size_t stride = errors.size() / kEnoughErrors + 1;

@@ -29,7 +29,8 @@ struct JointNoise {
   double depth = 1e-4;
   double common_depth = 5e-5;
   double unanchored = 1e-6;  // of each coordinate of an unanchored point, local units squared
-  // Shares: of right matches, of right depths among those, of right unanchored points.
+  // These are the shares of right matches, of right depths among those, and of right unanchored
+  // points.
   double right = 0.7;
   double depth_right = 0.8;
   double unanchored_right = 0.7;
@@ -40,8 +41,8 @@ struct JointNoise {
   // The mean and variance over all keypoints of the logarithm of the distance from the query.
   double log_distance_mean = 0;
   double log_distance_variance = 1;
-  // The variances of a reference's errors: of the logarithm of its depths' scale, and of its pose
-  // (radians and local units, per axis). 0: not estimated.
+  // These are the variances of a reference's errors: of the logarithm of its depths' scale, and of
+  // its pose (radians and local units, per axis). They are 0 where they are not estimated.
   double reference_scale = 0;
   double reference_rotation = 0;
   double reference_center = 0;
@@ -68,7 +69,7 @@ inline PixelResidual ResidualOf(const Eigen::Matrix3d& image_from_ray, const Eig
   return residual;
 }
 
-// Densities of normal distributions, by the squared distance from the mean.
+// Return the densities of normal distributions by the squared distance from the mean.
 inline double Normal1D(double squared, double variance) {
   return std::exp(-0.5 * squared / variance) / std::sqrt(2 * std::numbers::pi * variance);
 }
@@ -180,8 +181,8 @@ struct JointModel {
   // The factor, at least 1, by which wrong matches with each reference are denser near epipolar
   // lines than anywhere in the image: those with the next window of a row lie near them.
   std::vector<double> epipolar_clutter;
-  // Log likelihood of all matches, each as the others predict it, over that of uniform ones; set by
-  // EStep().
+  // The log likelihood of all matches, each as the others predict it, is over that of uniform ones;
+  // EStep() sets it.
   double log_likelihood = 0;
 
   JointModel(const KeypointEvidence& of, const CamFromLocal& start)
@@ -208,8 +209,8 @@ struct VariancePrior {
 struct NoisePrior {
   VariancePrior keypoint_px2, depth, common_depth;
   std::optional<TailPrior> keypoint_tail;
-  // Priors of references' errors (JointNoise::reference_scale and so on). References have unknowns
-  // from the beginning where one of them is known.
+  // These are the priors of references' errors (JointNoise::reference_scale and so on). References
+  // have unknowns from the beginning where one of them is known.
   VariancePrior reference_scale, reference_rotation, reference_center;
 
   bool KnowsReferences() const {
@@ -226,10 +227,10 @@ double SquaredAcross(const Eigen::Vector2d& error, const Eigen::Matrix2d& covari
 
 // Sets the model's weights by what all other evidence predicts (they go `share` of the way from
 // what they were, so that what contradicts each other comes to rest), and its noise by what the
-// residuals show; the points must be the likeliest ones for the model as it is. `query_covariance`:
-// of the query's unknowns. A match is judged by the others' prediction, never by its own: where
-// little is known of the pose, any wrong match on an epipolar line would pull the pose to itself
-// and confirm itself.
+// residuals show; the points must be the likeliest ones for the model as it is. `query_covariance`
+// is that of the query's unknowns. A match is judged by the others' prediction, never by its own:
+// where little is known of the pose, any wrong match on an epipolar line would pull the pose to
+// itself and confirm itself.
 void EStep(const NoisePrior& prior, double share, const Matrix7d& query_covariance,
            JointModel& model);
 

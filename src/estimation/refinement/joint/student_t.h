@@ -3,8 +3,8 @@
 // distributions (Lange, Little and Taylor, JASA 1989).
 //
 // The distribution is given by its `tail`, the inverse of its degrees of freedom: 0 is normal, 1 is
-// Cauchy's. Squared distances are in units of its squared scale. Its density and what it makes of an
-// error are the kernels' (kernels/joint_expectation.h).
+// Cauchy's. Squared distances are in units of its squared scale. Its density and what it makes of
+// an error are the kernels' (kernels/joint_expectation.h).
 
 #pragma once
 
@@ -41,7 +41,7 @@ inline constexpr size_t kErrorsOfTail = 300;
 // unknown; all tails between 0 and 1 are as likely before but for the prior.
 double EstimateTail(std::span<const double> squared_errors, const std::optional<TailPrior>& prior);
 
-// The sum of many logarithms, taken of their product: one logarithm for some dozens of factors.
+// Sums many logarithms as that of their product: one logarithm is taken for some dozens of factors.
 
 class LogOfProduct {
  public:
