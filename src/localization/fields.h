@@ -17,7 +17,7 @@ namespace raylift {
 std::vector<Field> FieldsOf(StageCounts& counts);
 std::vector<Field> FieldsOf(JoinGateOptions& options);
 std::vector<Field> FieldsOf(MatchReading& reading);
-// The numbers alone.
+// Returns the fields of max_features and max_ratio alone.
 std::vector<Field> FieldsOf(FrontEndOptions& options);
 
 }  // namespace raylift

@@ -147,8 +147,8 @@ class Rounds {
   }
 
  private:
-  // `base` with pictures through `query_camera` from these poses as further references, their
-  // matches and points.
+  // Returns `base` with pictures through `query_camera` from these poses as further references,
+  // with their matches and points.
   PoseProblem AddPictures(const PoseProblem& base, const Camera& query_camera,
                           const std::vector<Rigid3>& poses, int round) const {
     const Camera camera = AtMost(query_camera, options_.max_image_side_px);
@@ -161,8 +161,8 @@ class Rounds {
     return Join(base, std::move(pictures));
   }
 
-  // `base` with a picture from this pose as a further reference, whose patches are found in the
-  // photograph.
+  // Returns `base` with a picture from this pose as a further reference, whose patches are found in
+  // the photograph.
   PoseProblem AddPatches(const PoseProblem& base, const Camera& query_camera,
                          const Rigid3& cam_from_world, int round) const {
     const Camera camera = AtMost(query_camera, options_.max_image_side_px);
@@ -257,8 +257,8 @@ constexpr int kMaxPatches = 600;
 // Shares of the longer side: half a patch's side, and how far from its place it is looked for.
 constexpr double kHalfSide = 1.0 / 40;
 constexpr double kSearchRadius = 0.02;
-// The least correlation. Its square is the share of the patch's variance that the photograph shows,
-// one half here.
+// This is the least correlation; its square is the share of the patch's variance that the
+// photograph shows, one half here.
 constexpr double kLeastCorrelation = 0.7071;
 
 cv::Mat ToFloat(const Image& gray, cv::Size size) {

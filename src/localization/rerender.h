@@ -25,17 +25,18 @@ namespace raylift {
 
 struct RerenderOptions {
   int rounds = 1;  // at most; a pose that is not kept ends them
-  // Poses around the estimated one: to the left, right, above and below of it on a circle of this
-  // angle around the middle of what the query shows; 0: none.
+  // Poses are tried around the estimated one, to the left, right, above and below of it, on a
+  // circle of this angle around the middle of what the query shows; with 0 there are none.
   double around_deg = 6;
   // The farthest that the point of a match with a picture, projected by the pose so far, may lie
   // from the query's keypoint, as a share of the longer side: a pose that is roughly right tells
   // where to look, which is why the ratio test can be weaker than among the references.
   double search_radius = 0.05;
   double max_ratio = 0.9;
-  // Also take the 2D-2D matches with the pictures. These are taken from nearly one place, that of
-  // the query, where they say little on its position, and the 2D-3D matches hold all they know:
-  // without them poses are sharper. For estimators that take nothing else.
+  // With this the 2D-2D matches with the pictures are used, too, for estimators that take nothing
+  // else. The pictures are taken from nearly one place, that of the query, where such matches say
+  // little on its position, and the 2D-3D matches hold all they know: without them poses are
+  // sharper.
   bool use_pairs = false;
   // Larger queries are rendered at this size.
   int max_image_side_px = 1600;
@@ -66,17 +67,17 @@ std::vector<PatchMatch> AlignPatches(const Image& photograph, const Image& rende
 
 class Rerenderer {
  public:
-  // Colors and light as in `look`.
+  // Renders with the colors and light of `look`.
   Rerenderer(const std::shared_ptr<const RayCaster>& mesh, const ColorOptions& look,
              std::filesystem::path query_images, const RerenderOptions& options);
 
-  // Does nothing for a query that is not localized. Otherwise the rounds: each takes the matches
-  // with the retrieved references and the 2D-3D matches with the pictures of this round, and its
-  // pose is kept where it is at least as sure as `min_confidence` and KeypointSupport by these
-  // 2D-3D matches is above that of the pose before. Patches are looked for only where the pose has
-  // them, and so make it sharper but not surer. The result then is that of the kept round, with its
-  // matches, and counts the rounds. The same on any thread; Throws InputError where the query's
-  // photograph cannot be read or does not have its camera's size.
+  // Does nothing for a query that is not localized. Otherwise it goes through rounds: each takes
+  // the matches with the retrieved references and the 2D-3D matches with the pictures of this
+  // round, and its pose is kept where it is at least as sure as `min_confidence` and
+  // KeypointSupport by these 2D-3D matches is above that of the pose before. Patches are looked for
+  // only where the pose has them, and so make it sharper but not surer. The result then is that of
+  // the kept round, with its matches, and counts the rounds. It is the same on any thread. Throws
+  // InputError where the query's photograph cannot be read or does not have its camera's size.
   void Improve(const Query& query, const PoseEstimator& estimator, QueryResult& result,
                double min_confidence = 0) const;
   // Does the same with a photograph in memory, gray or RGB.

@@ -37,7 +37,8 @@ std::vector<std::optional<DepthAlignment>> AlignSources(const Scene& scene, Alig
   return alignments;
 }
 
-// Empty where no source has confidences.
+// Returns what the confidences of each source are worth, nullopt for a source that has none. The
+// list is empty where no source has any.
 std::vector<std::optional<ConfidenceWorth>> LearnConfidences(
     const Scene& scene, std::span<const std::optional<DepthAlignment>> alignments,
     std::span<const ReferenceMatch> matches, int threads) {

@@ -39,7 +39,7 @@ struct LocalizeAllOptions {
   LocalizerOptions localizer = {};
   // The correction of depth in a scene without a calibration (CalibrationOptions::align).
   AlignMode align = AlignMode::kAuto;
-  // Null: poses are not refined by rendering the mesh again.
+  // This is null where poses are not refined by rendering the mesh again.
   std::shared_ptr<const Rerenderer> rerenderer = nullptr;
   bool check_input = true;
   // For RunContinuously(): the match noise is not learned from queries, as the first ones must not

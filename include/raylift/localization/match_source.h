@@ -104,9 +104,9 @@ using GlobalDescriptor = std::function<Eigen::VectorXf(const Image& photograph)>
 struct FrontEndOptions {
   std::filesystem::path reference_images = {};
   std::filesystem::path query_images = {};
-  // Folder in which features and retrieval are kept in hloc's layout and reused where nothing
-  // changed; features are then read when they are matched. Empty: nothing is kept, all are in
-  // memory.
+  // This is the folder in which features and retrieval are kept in hloc's layout and reused where
+  // nothing changed; features are then read when they are matched. Where it is empty, nothing is
+  // kept, and all are in memory.
   std::filesystem::path cache = {};
   // Features that are known already, by image name. These photographs are not read.
   std::map<std::string, Features> features = {};
@@ -134,7 +134,7 @@ struct FrontEndOptions {
   // Queries may be references, which are matched with the others.
   bool among_references = false;
   // Up to so many queries that became references may be among the top_k; Match() itself then uses
-  // `threads`. nullopt: no query becomes a reference.
+  // `threads`. With nullopt no query becomes a reference.
   std::optional<int> max_joined = std::nullopt;
 };
 
@@ -190,11 +190,13 @@ struct RetrievalOptions {
   int top_k = 10;
   // For kGlobal.
   GlobalFeatureFiles global_features = {};
-  // For kPose and kOverlap: the queries' cam_from_world; a query without one has no references.
+  // kPose and kOverlap take the queries' cam_from_world from here; a query without one has no
+  // references.
   std::map<std::string, Rigid3> prior_poses = {};
-  // For kPose without a range: the nearest references whose optical axes differ by at most this.
+  // kPose without a range takes the nearest references whose optical axes differ by at most this.
   double max_angle_deg = 30;
-  // For kPose with a range: the references that see most of what the query sees at these distances.
+  // kPose with a range takes the references that see most of what the query sees at these
+  // distances.
   std::optional<ViewRange> view_range = std::nullopt;
   // For kOverlap.
   std::shared_ptr<const RayCaster> mesh = nullptr;
@@ -221,18 +223,20 @@ struct JoiningQueries {
 // of pairs, or the built-in front end with any kind of retrieval.
 
 struct MatchingOptions {
-  // nullopt: the front end. Where `matches` stand alone, no other files are needed.
+  // With nullopt the front end makes the matches. Where `matches` stand alone, no other files are
+  // needed.
   std::optional<HlocFiles> hloc = std::nullopt;
   MatchReading reading = {};  // of matches in files
   int top_k = 10;             // references per query
-  // Up to so many localized queries may be among the top_k references; nullopt: none joins them.
+  // Up to so many localized queries may be among the top_k references; with nullopt none joins
+  // them.
   std::optional<int> max_joined = std::nullopt;
 
   // Options of the front end. Its top_k, max_joined and reference images are set from here and the
   // scene.
   FrontEndOptions front_end = {};
-  // nullopt: by VLAD. top_k is set from here, the covisibility from the scene, and so is the mesh
-  // of `overlap` unless one is given.
+  // With nullopt references are retrieved by VLAD. top_k is set from here, the covisibility from
+  // the scene, and so is the mesh of `overlap` unless one is given.
   std::optional<RetrievalOptions> retrieval = std::nullopt;
 };
 

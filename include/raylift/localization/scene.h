@@ -87,7 +87,7 @@ struct Scene {
   // The convention of the poses in the model's files; in memory they are cam_from_world.
   PoseConvention model_poses = PoseConvention::kCamFromWorld;
   std::filesystem::path images;  // folder of the references' photographs; may be empty
-  // Null: covisibility is not known.
+  // This is null where covisibility is not known.
   std::shared_ptr<const Covisibility> covisibility = nullptr;
   std::vector<SceneSource> sources;  // in the order in which they are asked
   // The rendered references, where references were rendered; else null.

@@ -61,11 +61,11 @@ struct CalibrationOptions {
   // kAuto uses some 500 images; it is off where depth is known better than that or not used:
   // rendered references, methods and candidates without depth, the paper's refinement.
   AlignMode align = AlignMode::kAuto;
-  // kQueries: noise is learned from the queries even where the references could tell it.
+  // With kQueries noise is learned from the queries even where the references could tell it.
   CalibratedBy noise_by = CalibratedBy::kReferences;
   bool any_filter = false;  // geometry noise is also learned where no automatic filter uses it
-  // The match noise may be learned from queries. False where they come one after the other, as the
-  // first ones must not depend on later ones.
+  // Says whether the match noise may be learned from queries; not where they come one after the
+  // other, as the first ones must not depend on later ones.
   bool queries_tell_match_noise = true;
   int threads = 0;
 };

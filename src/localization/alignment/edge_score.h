@@ -20,7 +20,8 @@ namespace raylift {
 // The prior of a photograph's pose.
 struct PosePrior {
   Rigid3 cam_from_world;
-  // Standard deviations of the center along the world's axes and of the angles; above 0.
+  // These are the standard deviations of the center along the world's axes and of the angles; they
+  // are above 0.
   Eigen::Vector3d sigma_position;
   double sigma_deg;
 };
@@ -40,7 +41,8 @@ class EdgeViewer {
         rotation_(cam_from_world.rotation.toRotationMatrix()),
         translation_(cam_from_world.translation) {}
 
-  // nullopt where the lens shows it nowhere; it may be outside the picture.
+  // Returns how the camera sees an edge, which may be outside of the picture; nullopt where the
+  // lens shows it nowhere.
   std::optional<SeenEdge> See(const SceneEdge& edge) const;
 
  private:

@@ -274,13 +274,14 @@ class Search {
     return all;
   }
 
-  // The distance over which a position serves.
+  // Returns the distance over which a position serves.
   double Spacing(const Camera& camera) const {
     return kSpacingPx / camera.MeanFocalPx() * distance_;
   }
 
-  // Poses with the prior's rotation at positions that are spread over it. The mean squared distance
-  // to the next one is least if their density goes with the power 3 / 5 of the prior's (Zador).
+  // Returns poses with the prior's rotation at positions that are spread over it. The mean squared
+  // distance to the next one is least if their density goes with the power 3 / 5 of the prior's
+  // (Zador).
   std::vector<Rigid3> FromPositions(size_t count) const {
     return SpreadAround(prior_.cam_from_world, std::sqrt(5.0 / 3) * prior_.sigma_position, count);
   }

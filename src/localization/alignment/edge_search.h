@@ -23,15 +23,15 @@ struct EdgeMode {
 
 struct FoundByEdges {
   std::vector<EdgeMode> modes;  // best first; none where the scene shows too few edges
-  // The probability that the best mode is chance: at most that by the number of poses tried, cells
-  // showing their edges or not with equal odds; less where the verdict depends on it and the modes
-  // of pictures that show no place give less.
+  // This is the probability that the best mode is chance: at most that by the number of poses
+  // tried, where cells show their edges or not with equal odds, and less where the verdict depends
+  // on it and the modes of pictures that show no place give less.
   double chance = 1;
 };
 
 // Looks for the modes within the prior and, where the verdict hangs on it, for those of the
 // photograph mirrored and upside down: they have its edges and no pose, but where the scene is as
-// symmetric, and tell what chance explains. The same for the same seed.
+// symmetric, and tell what chance explains. The result is the same for the same seed.
 FoundByEdges SearchByEdges(const std::shared_ptr<const RayCaster>& mesh, const Image& gray,
                            const Camera& camera, const PosePrior& prior, uint64_t seed);
 

@@ -48,8 +48,8 @@ class Strengths {
   }
   double Inverse(size_t begin, int i) const { return 1.0 / frame_.distance[At(begin, i)]; }
 
-  // The jump between i and i + 1 beyond the slopes on both sides, as a share of the nearer one's
-  // inverse distance.
+  // Returns the jump between i and i + 1 beyond the slopes on both sides, as a share of the nearer
+  // one's inverse distance.
   double Jump(size_t begin, int i) const {
     const double a = Inverse(begin, i);
     const double b = Inverse(begin, i + 1);
@@ -59,7 +59,7 @@ class Strengths {
     return jump / std::max(a, b);
   }
 
-  // The cosine's complement of the turn between i and i + 1: 1 - cos.
+  // Returns 1 - cos of the turn of the surface between i and i + 1.
   double Turn(size_t begin, int i) const {
     bool is_flat = true;
     for (int k = 1 - kSide; is_flat && k < kSide; ++k) is_flat = HaveOneNormal(begin, i + k);
@@ -182,7 +182,7 @@ class CrossingGrid {
     for (uint32_t i = 0; i < crossings.size(); ++i) order_[next[Cell(crossings[i])]++] = i;
   }
 
-  // The direction of the edge through a crossing; nullopt where it has none (a corner).
+  // Returns the direction of the edge through a crossing; nullopt where it has none (a corner).
   std::optional<Eigen::Vector2f> TangentAt(const Crossing& crossing) const {
     Eigen::Vector2f mean = Eigen::Vector2f::Zero();
     Eigen::Matrix2f moments = Eigen::Matrix2f::Zero();

@@ -170,7 +170,8 @@ std::optional<std::string> QuickDoctor::Warn(const NamedGeometry& geometry,
   const Diagnosis diagnosis = Diagnose(
       MakeDoctorInput(geometry, references.images, all, poses),
       {.max_matches = kMatches, .half_pixels = false, .mesh_frames = false, .threads = threads});
-  // That few points come from the geometry, or few matches fit, is for RunCheck to say.
+  // It is for WarnOfGeometry() to say that few points come from the geometry, or that few matches
+  // fit.
   const bool named = diagnosis.fault != InputFault::kNone && diagnosis.fault != InputFault::kPoses;
   if (diagnosis.verdict != InputVerdict::kRepair && !named) return std::nullopt;
   return fmt::format("{}: {}", geometry.source->Description(), Summary(diagnosis));

@@ -38,8 +38,8 @@ class FocalCheck {
   std::shared_ptr<const PoseEstimator> estimator_;
 };
 
-// Returns a warning where the photographs agree on another focal length than the given one;
-// LogFactor() of those that have one, in any order.
+// Returns a warning where the photographs agree on another focal length than the given one.
+// `log_factors` are FocalCheck::LogFactor() of those that have one, in any order.
 std::optional<std::string> WarnOfFocalLength(std::span<const double> log_factors);
 
 // Returns what is assumed of photographs whose camera is not known.

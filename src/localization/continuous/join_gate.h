@@ -16,7 +16,7 @@ struct JoinGateOptions {
   int min_inliers_2d2d = 30;
   int min_inliers_2d3d = 20;  // where there are 2D-3D matches at all
   double max_rotation_sigma_deg = 0.5;
-  // Scene units; nullopt: a share of the distance to what the query sees.
+  // This is in scene units; with nullopt it is a share of the distance to what the query sees.
   std::optional<double> max_position_sigma = std::nullopt;
   // P3P and E5+1, each alone, must find poses that differ by no more than the limits below.
   bool needs_agreement = true;

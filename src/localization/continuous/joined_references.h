@@ -65,7 +65,7 @@ class JoinedReferences {
 
   // Returns by how many pixels (standard deviation, isotropic) the pose of a joined reference moves
   // what it shows at a pixel, to first order: of the point that the pixel is linked to, or else of
-  // one at the reference's distance. None of other references, and where it is not known.
+  // one at the reference's distance. nullopt for other references, and where it is not known.
   std::optional<double> SigmaPx(const std::string& name, const Eigen::Vector2d& pixel) const;
   // Returns the same of a point.
   std::optional<double> SigmaPx(const std::string& name,

@@ -27,7 +27,7 @@ struct ImageFeatures {
 
 class FeatureStore {
  public:
-  // About a thousand images with 4096 features each.
+  // This is enough for about a thousand images with 4096 features each.
   static constexpr size_t kMostBytes = size_t{2} << 30;
 
   // Keeps at most so many bytes of what it reads, besides what callers hold, but always the last.

@@ -21,13 +21,13 @@ class MatchFiles {
  public:
   virtual ~MatchFiles() = default;
 
-  // InputError where the image is not there.
+  // Returns the features of an image. Throws InputError where the image is not there.
   virtual Features ReadFeatures(const std::string& image) const = 0;
   // Returns nullopt where the pair is not there.
   virtual std::optional<std::vector<FeatureMatch>> ReadMatches(
       const std::string& query, const std::string& reference) const = 0;
   virtual std::vector<std::string> Warnings() const = 0;
-  // For messages.
+  // Return the paths of the files, for messages.
   virtual const std::filesystem::path& features_file() const = 0;
   virtual const std::filesystem::path& matches_file() const = 0;
 };

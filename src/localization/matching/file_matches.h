@@ -56,17 +56,18 @@ RetrievalPairs PairsInUse(RetrievalPairs pairs, const std::filesystem::path& fil
                           const ReferenceSet& references, const JoiningQueries& joining);
 
 // Reads hloc's files. The pairs file ranks the references of each query; `top_k` of those in use
-// are taken. InputError where it names a reference that the model does not hold. References that
-// are joining queries stand in the files like others, and are passed over until they join.
+// are taken. Throws InputError where it names a reference that the model does not hold. References
+// that are joining queries stand in the files like others, and are passed over until they join.
 std::unique_ptr<MatchSource> OpenHlocMatches(const HlocFiles& files, const ReferenceSet& references,
                                              int top_k, const JoiningQueries& joining = {},
                                              const MatchReading& reading = {});
 
 // Matches that stand in COLMAP's database.
 
-// Queries and references are images of the database by the names that they have elsewhere. Without
-// a list of pairs, a query's references are those that it is matched with, most inliers first.
-// Throws InputError where the database holds none of the references.
+// Opens the matches of a database. Queries and references are images of the database by the names
+// that they have elsewhere. Without a list of pairs, a query's references are those that it is
+// matched with, most inliers first. Throws InputError where the database holds none of the
+// references.
 std::unique_ptr<MatchSource> OpenDatabaseMatches(const std::filesystem::path& database,
                                                  const std::filesystem::path& pairs,
                                                  const ReferenceSet& references, int top_k,
@@ -80,10 +81,11 @@ std::unique_ptr<MatchSource> OpenDatabaseMatches(const std::filesystem::path& da
 // QUERY/REFERENCE.npz, where "/" within names may stand as "-" or "_" and extensions may be left
 // out, or all folders of one of them. A file may be of the reference first.
 
-// `pairs` ranks the references of each query; else `pairs.txt` in the folder, else the number of
-// matches with each. Equal pixels of a query are one keypoint, in whatever pair they stand, or
-// those in one cell (MatchReading). Warns of pixels outside of their image, as of resized images.
-// Throws InputError where the folder holds no file of a pair with one of the references.
+// Opens the matches of a folder. `pairs` ranks the references of each query; without it `pairs.txt`
+// in the folder does, or else the number of matches with each. Equal pixels of a query are one
+// keypoint, in whatever pair they stand, or those in one cell (MatchReading). Warns of pixels
+// outside of their image, as of resized images. Throws InputError where the folder holds no file of
+// a pair with one of the references.
 std::unique_ptr<MatchSource> OpenPairMatches(const std::filesystem::path& folder,
                                              const std::filesystem::path& pairs,
                                              const ReferenceSet& references, int top_k,

@@ -62,7 +62,7 @@ class PairFiles {
   std::optional<RetrievalPairs> listed_;
   std::map<std::string, std::map<std::string, PairFile>> files_of_query_;  // by pairs.txt
   std::multimap<std::string, Half> by_query_half_;                         // by the files' names
-  // Kept apart, so that the whole can be moved.
+  // Claims are kept apart, so that the whole can be moved.
   struct Claims {
     std::mutex mutex;
     std::map<std::string, std::string> query_of_half;
@@ -145,7 +145,7 @@ PairFiles::PairFiles(path folder, std::span<const std::string> references)
 
 path PairFiles::ListFile() const { return folder_ / kListName; }
 
-// Lines `query reference [FILE]`.
+// Reads the list of pairs, lines `query reference [FILE]`.
 void PairFiles::ReadList() {
   listed_.emplace();
   LineReader lines(ListFile());

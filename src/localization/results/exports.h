@@ -48,10 +48,10 @@ struct GlbCamera {
 };
 
 struct GlbOptions {
-  // The length of a frustum, scene units. nullopt: a twentieth of the box of all cameras, or of the
-  // mesh where they are in one place.
+  // A frustum has this length, in scene units; with nullopt it is a twentieth of the box of all
+  // cameras, or of the mesh where they are in one place.
   std::optional<double> frustum_size = std::nullopt;
-  // The direction that becomes glTF's up, which is y. nullopt: coordinates stay the world's.
+  // This direction becomes glTF's up, which is y; with nullopt coordinates stay the world's.
   std::optional<Eigen::Vector3d> up_in_world = std::nullopt;
 };
 

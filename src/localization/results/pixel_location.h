@@ -20,7 +20,8 @@ struct LocatedPixel {
   std::optional<Eigen::Matrix3d> covariance;
 };
 
-// Returns nullopt where the pixel has no ray or its ray leaves the surface: sky.
+// Returns the surface point that a pixel shows; nullopt where the pixel has no ray or its ray
+// leaves the surface: sky.
 //
 // With the ray X = C + t d and the surface's plane of normal n there, an error of the pose moves
 // the point within the plane by (I - d n' / (n' d)) (dC + t dd); an error of the surface, a share

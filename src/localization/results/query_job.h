@@ -44,7 +44,8 @@ struct QueryRecord {
   // Warnings of its matches, and of those of queries whose records are still to come.
   std::vector<std::string> warnings = {};
   std::optional<double> log_focal_factor = std::nullopt;
-  // For continuous localization: the reference that it has become; nullopt: none.
+  // In continuous localization this is the reference that the query has become; nullopt where it
+  // has become none.
   std::optional<JoinedReference> joined = std::nullopt;
   std::vector<PromisedFile> files = {};  // of its own
 };

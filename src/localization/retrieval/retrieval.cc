@@ -142,7 +142,7 @@ class BlockReader {
   BlockReader(const GlobalFeatureFile& file, std::span<const std::string> names, size_t block)
       : file_(file), names_(names), block_(block) {}
 
-  // Empty at the end.
+  // Reads the vectors of the next block of names; there are none at the end.
   Eigen::MatrixXf Next() {
     const size_t count = std::min(block_, names_.size());
     const auto now = names_.first(count);
