@@ -20,8 +20,9 @@ struct DepthMetric {
   Better better;
   int digits;  // after the point
   std::function<std::optional<double>(const ImageComparison&)> value;
-  // The value of all images together; null: the mean over the images. Metrics of matches count each
-  // match once: an image with a few wrong matches must not weigh as much as one with thousands.
+  // Returns the value of all images together; where it is null, that is the mean over the images.
+  // Metrics of matches count each match once: an image with a few wrong matches must not weigh as
+  // much as one with thousands.
   std::function<std::optional<double>(const SourceComparison&)> pooled = nullptr;
 };
 const std::vector<DepthMetric>& DepthMetrics();

@@ -114,7 +114,8 @@ struct Configuration {
   std::string source, alignment, filter;
   EstimatorOptions method;
 
-  // Without filter and alignment: the rows whose keypoints are worth keeping.
+  // Returns whether it is without filter and alignment: the keypoints of such rows are worth
+  // keeping.
   bool IsPlain() const {
     const auto is_off = [](const std::string& name) { return name.empty() || name == "off"; };
     return is_off(filter) && is_off(alignment);

@@ -19,7 +19,7 @@
 
 namespace raylift {
 
-// Finds the nearest of many triangles (or points) by a tree of bounding boxes. In double
+// Finds the nearest of many triangles (or points) by a tree of bounding boxes, in double
 // throughout.
 class SurfaceTree {
  public:

@@ -18,7 +18,7 @@ constexpr int kGridRows = 4;
 struct Ellipse {
   double x, y, radius_x, radius_y;
 
-  // Below 1 inside.
+  // Returns the squared distance of a pixel from the middle, in radii: below 1 inside.
   double SquaredDistance(int pixel_x, int pixel_y) const {
     const double dx = (pixel_x - x) / radius_x, dy = (pixel_y - y) / radius_y;
     return dx * dx + dy * dy;
@@ -50,7 +50,8 @@ class Perturber {
     return Rng(StreamSeed(options_.seed, image_name_, purpose));
   }
 
-  // factor(x, y, z) of every pixel with depth. What is no longer positive becomes a hole.
+  // Replaces the depth z of every pixel that has one by new_depth(x, y, z). What is no longer
+  // positive becomes a hole.
   template <typename Function>
   void ForEachDepth(Function new_depth) {
     for (int y = 0; y < map_.height_px; ++y) {
@@ -106,7 +107,8 @@ class Perturber {
     ForEachDepth([this](int, int, double z) { return z + options_.offset; });
   }
 
-  // Between the nodes by cubic smoothing: no edge appears.
+  // Multiplies the depth by factors that are smoothed between the nodes by cubics, so that no edge
+  // appears.
   void Warp() {
     if (options_.warp_sigma == 0) return;
     Rng rng = Stream("warp");

@@ -93,7 +93,8 @@ class ClaimJudge {
            (claim_.to.values.empty() || FindBefore(result) != nullptr);
   }
 
-  // The combinations of values on the open axes, those that matter to some setting.
+  // Returns the combinations of values on the open axes: those in which every axis matters or, if
+  // there are none, the others.
   std::vector<Setting> Places() const {
     std::vector<Setting> places, incomplete;
     for (const SettingResult& result : results_) {
@@ -122,7 +123,7 @@ class ClaimJudge {
     return found;
   }
 
-  // The same setting where the change begins.
+  // Returns the same setting where the change begins; null where there is none.
   const SettingResult* FindBefore(const SettingResult& result) const {
     for (const SettingResult& other : results_) {
       Setting moved = other.setting;
@@ -132,7 +133,7 @@ class ClaimJudge {
     return nullptr;
   }
 
-  // Values of the queries, or how they change.
+  // Returns the values of the queries, or how much they change where the claim is on a change.
   std::vector<double> PerQuery(const SettingResult& result, const Measure& measure) const {
     std::vector<double> values = measure.per_query(result);
     if (claim_.from.values.empty()) return values;

@@ -179,7 +179,7 @@ class LayoutReader {
     return selection;
   }
 
-  // The name of a file of results, hence a plain one, once.
+  // Reads the name of a file of results, which is a plain one for that reason and may stand once.
   std::string ReadName(TomlTable& table) {
     std::string name = table.RequiredText("name");
     const bool plain = !name.empty() && std::all_of(name.begin(), name.end(), [](char c) {
@@ -367,7 +367,8 @@ class ExperimentReader {
     if (const auto text = table.Text(key)) value = Resolve(*text);
   }
 
-  // After those of the scene file; one of the same name takes its place.
+  // Adds the table's geometries after those of the scene file, in the order of their lines; one of
+  // the same name replaces the scene file's.
   void TakeGeometries(TomlTable& table, std::vector<ExperimentGeometry>& all) {
     std::vector<ExperimentGeometry> geometries;
     for (const std::string& name : table.Keys()) {

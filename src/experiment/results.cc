@@ -76,7 +76,8 @@ class ResultCollector {
   }
 
  private:
-  // Restricted to the queries that were localized: a list may hold a part of them.
+  // Returns the true poses of those queries that have an outcome, as a list may hold a part of
+  // them.
   const PosesByName& TruthOf(const ExperimentScene& scene, const Outcomes& outcomes) {
     const auto known = truth_.find(scene.name);
     if (known != truth_.end()) return known->second;

@@ -136,7 +136,7 @@ class SubsampledScene {
     Take(references_.warnings);
   }
 
-  // Cells of one block of queries.
+  // Fills the cells of one block of queries.
   void Run(std::span<const Cell> cells, const CellStore& store) {
     if (settings_.continuous) {
       for (const Cell& cell : cells) Keep(cell, RunContinuously(cell), store);
@@ -200,7 +200,8 @@ class SubsampledScene {
     if (options_.on_cell) options_.on_cell(cell);
   }
 
-  // With a number, up to so many localized queries may be among a query's references.
+  // Opens the matches. With a number, up to so many localized queries may be among a query's
+  // references.
   std::shared_ptr<MatchSource> OpenMatches(std::optional<int> max_joined = std::nullopt) const {
     MatchingOptions matching{.top_k = settings_.top_k, .max_joined = max_joined};
     if (!settings_.features.empty()) {
@@ -215,7 +216,7 @@ class SubsampledScene {
     return raylift::OpenMatches(references_, queries_, matching);
   }
 
-  // The scene with the cell's geometry; with none where it needs none.
+  // Returns the scene with the cell's geometry, or with none where the cell needs none.
   std::shared_ptr<const Scene> SceneOf(const Cell& cell) {
     const GeometryKey key = KeyOf(cell);
     const auto known = scenes_.find(key);
@@ -234,7 +235,8 @@ class SubsampledScene {
     return scenes_.emplace(key, std::make_shared<const Scene>(std::move(scene))).first->second;
   }
 
-  // Depth that is made worse is written for all references: other subsamplings use it, too.
+  // Returns the specification of a cell's geometry. Depth that is made worse is written for all
+  // references: other subsamplings use it, too.
   std::string SpecOf(const ExperimentGeometry& geometry, const std::string& text,
                      const Cell& cell) const {
     std::string spec = ForSubsampling(text, every_).string();

@@ -43,7 +43,8 @@ constexpr std::chrono::milliseconds kBetweenLookups{100};  // at a folder that a
   throw InputError(file, "another run is writing to this file");
 }
 
-// Empty where there is none, or where another shard, the last one to end, is just removing it.
+// Returns the text of a file; it is empty where there is none, or where another shard, the last one
+// to end, is just removing it.
 std::string TextIfThere(const path& file) {
   try {
     if (IsFile(file)) return ReadFile(file);

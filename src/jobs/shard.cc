@@ -29,7 +29,7 @@ struct Launcher {
   Kind kind;
   std::string_view index;
   std::string_view count = {};  // empty: is not told
-  // For arrays whose indices are first, first + step, ..., last; `count` checks them.
+  // These are for arrays whose indices are first, first + step, ..., last; `count` checks them.
   std::string_view first = {}, last = {}, step = {};
 };
 
@@ -109,7 +109,7 @@ class LauncherRanks {
     return text && *text != "undefined";  // SGE says so outside of arrays
   }
 
-  // The index counted from 0, and the count, of an array with a first, a last and a step.
+  // Returns the index, counted from 0, and the count of an array with a first, a last and a step.
   Rank RangeRank(const Launcher& launcher, int64_t id) const {
     const auto first = Number(launcher.first);
     const auto last = Number(launcher.last);
@@ -154,7 +154,7 @@ class LauncherRanks {
 
 class AutoShard {
  public:
-  // `total`: N of "auto/N".
+  // `total` is the N of "auto/N".
   AutoShard(std::string text, std::optional<int64_t> total, const Environment& environment)
       : total_(total), ranks_(std::move(text), total, environment) {}
 
@@ -206,7 +206,7 @@ class AutoShard {
     return rank;
   }
 
-  // The rank on which all of these agree.
+  // Returns the rank on which all of these agree.
   Rank Common(const std::vector<Rank>& ranks) const {
     Rank common = ranks.front();
     for (const Rank& rank : ranks) {
@@ -247,8 +247,9 @@ class AutoShard {
     return task;
   }
 
-  // mpirun starts its helpers by srun, one on each machine, whose numbers the processes then see:
-  // the ranks count. But each of several tasks that has a run of its own would do the same.
+  // Returns the rank that counts. mpirun starts its helpers by srun, one on each machine, whose
+  // numbers the processes then see: the task's rank counts then. But each of several tasks that has
+  // a run of its own would do the same.
   Rank UnderStep(const Rank& task, const Rank& step) const {
     if (task.kind == kStep) return task;
     if (!task.count || *task.count < *step.count) {
@@ -257,7 +258,8 @@ class AutoShard {
     return task;
   }
 
-  // srun sets both; one of them may be left over from where the job was submitted.
+  // Fails where SLURM_NTASKS and the step disagree: srun sets both, and one of them may be left
+  // over from where the job was submitted.
   void CheckStep(const Rank& step) const {
     const auto tasks = ranks_.Number("SLURM_NTASKS");
     if (tasks && *tasks != *step.count && ranks_.Of({kTasks}).empty()) {
@@ -268,7 +270,8 @@ class AutoShard {
     }
   }
 
-  // A job of Slurm that runs one process, whatever it has asked for.
+  // Returns the rank of a job of Slurm that runs one process, whatever it has asked for; nullopt in
+  // an array, and outside of Slurm. Fails where the job has several tasks.
   std::optional<Rank> WithoutStep(bool in_array) const {
     if (in_array) return std::nullopt;
     const auto tasks = ranks_.Number("SLURM_NTASKS");

@@ -65,7 +65,7 @@ struct ImageComparison {
   double median_depth = 0;       // 0: no depth at all
   DepthCoverage coverage;        // of the truth, else of the image
   double quantization_step = 0;  // scene units
-  // Against the truth; nullopt where the image has no depth in common with it.
+  // These rate it against the truth; there are none where the image has no depth in common with it.
   std::map<DepthProtocol, std::optional<DepthErrors>> errors;
   std::optional<DepthDeviation> deviation;
   std::optional<EdgeErrors> edges;

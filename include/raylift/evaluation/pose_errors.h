@@ -110,8 +110,8 @@ struct ResultSummary {
   size_t num_queries = 0;  // in the ground truth
   size_t num_localized = 0;
   std::vector<double> recalls_percent;  // of all queries, one per threshold
-  // Over all queries, as 7-Scenes reports them: infinite where half of the queries or more have no
-  // pose. The mean of the middle two for an even count.
+  // The medians are over all queries, as 7-Scenes reports them: infinite where half of the queries
+  // or more have no pose, and the mean of the middle two for an even count.
   double median_position = 0;
   double median_rotation_deg = 0;
   std::vector<std::string> missing_names;                 // queries without a pose

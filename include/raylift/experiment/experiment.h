@@ -143,7 +143,7 @@ struct NamedFilter {
   ConsistencyThresholds thresholds;
 };
 
-// All combinations of the values. An empty list stands for the axis' default.
+// Stands for all combinations of the values. An empty list stands for the axis' default.
 struct GridBlock {
   Selection axes;
 };

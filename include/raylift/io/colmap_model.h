@@ -23,7 +23,7 @@
 namespace raylift {
 
 struct ColmapPose {
-  // Kept as read, not normalized, so that a model writes back the same bytes.
+  // It is kept as read, not normalized, so that a model writes back the same bytes.
   Eigen::Vector4d qvec_wxyz{1, 0, 0, 0};
   Eigen::Vector3d tvec = Eigen::Vector3d::Zero();
 
@@ -80,8 +80,9 @@ struct ColmapFrame {
 };
 
 struct ColmapModel {
-  // All are keyed by id; ids need not be contiguous. Written in the order of `*_order` (that of the
-  // file that was read, empty where it is that of the ids), then whatever it does not list, by id.
+  // All are keyed by id; ids need not be contiguous. They are written in the order of `*_order`
+  // (that of the file that was read, empty where it is that of the ids), then whatever it does not
+  // list, by id.
   std::map<uint32_t, Camera> cameras;
   std::map<uint32_t, ColmapImage> images;
   std::map<uint64_t, ColmapPoint3D> points3d;

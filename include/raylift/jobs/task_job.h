@@ -26,7 +26,7 @@ namespace raylift {
 struct PromisedFile {
   std::string path;  // relative to the job's folder
   size_t bytes = 0;
-  // As `xxhsum -H3` writes it. Empty: the contents are of one run alone.
+  // It is as `xxhsum -H3` writes it, and empty where the contents are of one run alone.
   std::string xxh3 = {};
 };
 

@@ -57,7 +57,7 @@ class NpyHeaderParser {
     throw InputError(file_, "NPY header", message);
   }
 
-  // For messages, on one line.
+  // Returns what comes next on the line, for messages.
   std::string_view Upcoming() const {
     return text_.substr(0, std::min<size_t>(text_.find('\n'), 12));
   }

@@ -56,7 +56,7 @@ class Rows {
     return text == nullptr ? "" : reinterpret_cast<const char*>(text);
   }
 
-  // A matrix of columns "rows, cols, data" from this one on.
+  // Returns the numbers of the matrix in the columns "rows, cols, data" from this one on.
   template <typename T>
   std::vector<T> Matrix(int column, int64_t min_cols, int64_t max_cols,
                         const std::string& what) const {

@@ -109,7 +109,8 @@ class BinaryReader {
       Fail("params", error.what());
     }
   }
-  // The number of items that take at least `bytes_per_item` each: no more than the file can hold.
+  // Reads the number of items that take at least `bytes_per_item` each, which is no more than the
+  // file can hold.
   template <typename T>
   void Count(const char* field, size_t bytes_per_item, T& count) {
     count = Read<T>(field);
@@ -118,7 +119,7 @@ class BinaryReader {
                             "bytes that are left",
                             count, bytes_per_item, Remaining()));
   }
-  // The last items of a record.
+  // Reads the last items of a record, with their number.
   template <typename Item, typename Take>
   void Rest(const char* field, size_t bytes_per_item, std::vector<Item>& items, const Take& take) {
     uint64_t count = 0;
@@ -236,7 +237,7 @@ class TextReader {
   void Rotation(const char* field, Eigen::Vector4d& qvec_wxyz) {
     qvec_wxyz = tokens_.Quaternion(field);
   }
-  // All of the line: a name may hold blanks.
+  // Reads a name, which is all of the rest of the line, as it may hold blanks.
   void Name(const char* field, std::string& name) {
     name = tokens_.Rest();
     if (name.empty()) Fail(field, "expected a name, the line ends here");
@@ -392,7 +393,7 @@ void Take(Form& form, ColmapFrame& frame) {
   }
 }
 
-// The order of the records is kept where it is not that of the ids.
+// Reads all records, and in `order` their order in the file where it is not that of the ids.
 template <typename Reader, typename Id, typename Record>
 void ReadAll(Reader reader, const char* kind, std::map<Id, Record>& records,
              std::vector<Id>& order) {

@@ -64,7 +64,7 @@ class Handle {
   }
   bool IsValid() const { return id_ >= 0; }
   hid_t get() const { return id_; }
-  // Data that is only now written may not find a place: then false.
+  // Closes it; returns false where data that is only now written does not find a place.
   bool CloseNow() { return close_(std::exchange(id_, -1)) >= 0; }
 
  private:

@@ -22,12 +22,12 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// Standard deviations where a photograph says none, in meters along the ground and of the height.
-// Barometers, geoids and ellipsoids that are taken for each other make heights that uncertain: a
-// sigma that is too small costs more than one that is too large.
+// These are the standard deviations where a photograph says none, in meters along the ground and of
+// the height. Barometers, geoids and ellipsoids that are taken for each other make heights that
+// uncertain: a sigma that is too small costs more than one that is too large.
 constexpr double kGnssSigma = 3, kPhoneSigma = 8, kHeightSigma = 20;
-// The least sigma with RTK: errors of a map's frame and of time stamps, which RTK's own deviations
-// leave out.
+// No sigma with RTK is less than this, for the errors of a map's frame and of time stamps, which
+// RTK's own deviations leave out.
 constexpr double kLeastRtkSigma = 0.05;
 // The standard deviation of a height that is not known: all of the earth's land is within this.
 constexpr double kUnknownHeightSigma = 3000;
@@ -101,7 +101,8 @@ class Finder {
     return SigmaOfAcross(exif_.drone ? kGnssSigma : kPhoneSigma);
   }
 
-  // The camera's axes (right, down, forward) in north, east and down.
+  // Finds the directions of down and right in the camera and the heading, by a drone's gimbal. The
+  // body's axes are forward, right and down; the level frame has them without pitch and roll.
   void FindGimbal() {
     if (!exif_.drone || !exif_.drone->pitch_deg || !exif_.drone->roll_deg) return;
     const auto turn = [](double degrees, const Vector3d& axis) {
@@ -126,7 +127,7 @@ class Finder {
     }
   }
 
-  // That of a phone, whose image may lie on its side.
+  // Finds the heading of a phone, whose image may lie on its side.
   void FindHeading() {
     if (tags_.heading_deg || !exif_.gps || !exif_.gps->direction_deg) return;
     const double direction = *exif_.gps->direction_deg;

@@ -282,7 +282,7 @@ Coding CodingFor(const Eigen::MatrixXf& descriptors, DescriptorPrecision precisi
   return fit ? Coding::kHalf : Coding::kFloat;
 }
 
-// Steps of pixels: 0 where they are floats.
+// Returns the step in which pixels are counted; 0 where they are floats.
 double PixelStep(int width_px, int height_px, bool is_compact) {
   return is_compact ? std::max({width_px, height_px, 1}) / 65535.0 : 0;
 }

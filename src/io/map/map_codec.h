@@ -20,7 +20,7 @@ namespace raylift {
 // Codes are numbered by their rank among those that the map has (a sensor knows some thousand
 // depths), predicted from their left and upper neighbors as in LOCO-I (Weinberger et al. 2000), and
 // what remains is a picture in WebP without loss: red has the upper bytes, green the lower ones.
-// InputError where a side has more than 16383 pixels.
+// Throws InputError where a side has more than 16383 pixels.
 std::string EncodeDepth(const DepthMap& map);
 // Throws InputError naming `file` and `name` where the bytes are damaged.
 DepthMap DecodeDepth(const std::filesystem::path& file, const std::string& name,

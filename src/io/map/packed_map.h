@@ -57,7 +57,7 @@ struct MapHeader {
 // Returns whether a file is a packed map, by its first bytes.
 bool IsPackedMap(const std::filesystem::path& file);
 
-// Thread safe.
+// Reads a packed map; any thread may call its functions.
 class PackedMap {
  public:
   // Throws InputError where it is no packed map, or damaged.
@@ -76,7 +76,7 @@ class PackedMap {
   Features ReadFeatures(const std::string& reference) const;
   bool HasDepth(const std::string& reference) const;
   bool HasFeatures(const std::string& reference) const;
-  // nullopt where no reference has features.
+  // Returns the data for retrieval; nullopt where no reference has features.
   std::optional<PackedRetrieval> ReadRetrieval() const;
   // Returns the JSON of the scene's calibration; empty where there is none.
   std::string ReadCalibration() const;

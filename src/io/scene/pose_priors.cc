@@ -48,10 +48,10 @@ class PriorReader {
   std::set<std::string> Warnings() const;
 
  private:
-  // Down and north in the world where a query is.
+  // Returns down and north in the world where a query is.
   std::pair<Vector3d, Vector3d> DirectionsOf(const std::string& name,
                                              const PosePriors& priors) const;
-  // Units of the world per meter where a query is; 1 where that is not known.
+  // Returns how many units of the world a meter has where a query is; 1 where that is not known.
   double UnitsPerMeter(const PosePriors& priors) const;
   PositionPrior InWorld(const Eigen::Vector3d& point, const Eigen::Vector3d& sigma_m,
                         const std::string& crs);
