@@ -10,8 +10,8 @@
 
 namespace raylift {
 
-// Thrown where a signal stopped a command, which has left all files in order, or where work is
-// left. Exit code 4.
+// Is thrown where a signal stopped a command, which has left all files in order, or where work is
+// left. The exit code is 4.
 class Interrupted : public std::runtime_error {
  public:
   explicit Interrupted(const std::string& message) : std::runtime_error(message) {}

@@ -283,7 +283,7 @@ class LocalizeRun {
   RunTimes times_;
 };
 
-// raylift prepare: makes beforehand what localize would make before its first query.
+// Makes beforehand what localize would make before its first query (raylift prepare).
 void Prepare(const LocalizeFlags& flags) {
   flags.Check();
   FeatureCount features;

@@ -39,8 +39,8 @@ std::string ResultName(const std::filesystem::path& file);
 // The results and inputs of a finished run of localize.
 struct FinishedRun {
   std::vector<LocalizedQuery> queries;  // in the order of the list, with and without poses
-  // Paths as options.json has them: relative paths start where the run was started. Empty where
-  // there is none.
+  // Paths are as options.json has them: relative paths start where the run was started. They are
+  // empty where there is none.
   std::filesystem::path query_list, query_images;
   ReferenceFlags references;
   bool leave_one_out = false;  // the queries are the model's images, and there is no list

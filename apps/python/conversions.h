@@ -68,14 +68,15 @@ RAYLIFT_PYTHON_ARGUMENT(QueryLike, IsSomething, "raylift._types.QueryLike")
 RAYLIFT_PYTHON_ARGUMENT(ExtractorLike, IsSomething, "raylift._types.Extractor")
 RAYLIFT_PYTHON_ARGUMENT(MatcherLike, IsSomething, "raylift._types.Matcher")
 RAYLIFT_PYTHON_ARGUMENT(DescriptorLike, IsSomething, "raylift._types.GlobalDescriptor")
-// A function that is called with (done, total, what), from any thread.
+// Is a function that is called with (done, total, what), from any thread.
 RAYLIFT_PYTHON_ARGUMENT(ProgressCall, PyCallable_Check, "raylift._types.Progress")
 
 namespace raylift::python {
 
 namespace py = pybind11;
 
-// Thrown for an argument of a wrong type: of Python's errors it is an InputError and a TypeError.
+// Is thrown for an argument of a wrong type: of Python's errors it is an InputError and a
+// TypeError.
 class WrongType : public InputError {
  public:
   using InputError::InputError;
@@ -167,8 +168,8 @@ py::array_t<T> ArrayOf(const ArrayLike& argument, std::string_view name,
 }
 }  // namespace internal
 
-// The rows of an array of the shape (N, kColumns), which they keep alive. Throws InputError naming
-// the argument where it has another shape. An empty list is an array without rows.
+// Holds the rows of an array of the shape (N, kColumns), and keeps it alive. Throws InputError
+// naming the argument where it has another shape. An empty list is an array without rows.
 template <int kColumns, typename T = double>
 class Rows {
  public:
@@ -345,7 +346,7 @@ py::array_t<T> HandOver(std::vector<T>&& values, const std::vector<py::ssize_t>&
   return py::array_t<T>(shape, owned->data(), owner);
 }
 
-// The parts of the module raylift._core; each adds its classes and functions.
+// These bind the parts of the module raylift._core; each adds its classes and functions.
 void BindGeometry(py::module_& module);
 void BindEstimation(py::module_& module);
 void BindMesh(py::module_& module);

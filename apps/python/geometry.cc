@@ -8,7 +8,7 @@
 namespace raylift::python {
 namespace {
 
-// NaN where there is no pixel or ray.
+// These stand for no pixel and no ray: all of their numbers are NaN.
 const Eigen::Vector2d kNoPixel = Eigen::Vector2d::Constant(std::nan(""));
 const Eigen::Vector3d kNoRay = Eigen::Vector3d::Constant(std::nan(""));
 

@@ -16,8 +16,8 @@
 #include "raylift/renderers/pixel_rays.h"
 #include "raylift/renderers/ray_caster.h"
 
-// Arguments that stand for geometry: a Geometry, a RayCaster, a Mesh, or a specification as the
-// option --geometry takes it, which may need the references and their model.
+// Is an argument that stands for geometry: a Geometry, a RayCaster, a Mesh, or a specification as
+// the option --geometry takes it, which may need the references and their model.
 RAYLIFT_PYTHON_ARGUMENT(GeometryLike, IsSomething, "raylift._types.GeometryLike")
 
 namespace raylift::python {

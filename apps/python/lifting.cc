@@ -30,7 +30,7 @@ namespace {
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
-// Columns of what pixels show; where there is no surface, NaN and source -1.
+// Holds columns of what pixels show; where there is no surface, they are NaN and the source is -1.
 class SurfaceColumns {
  public:
   explicit SurfaceColumns(py::ssize_t count)

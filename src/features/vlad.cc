@@ -56,8 +56,9 @@ Eigen::Index DrawByWeight(const std::vector<int64_t>& weights, double total, Rng
   return last_possible;
 }
 
-// k-means++ (Arthur and Vassilvitskii 2007): each next word is a descriptor drawn with probability
-// proportional to its squared distance to the nearest word so far.
+// Returns the first words by k-means++ (Arthur and Vassilvitskii 2007): each next word is a
+// descriptor drawn with probability proportional to its squared distance to the nearest word so
+// far.
 QuantizedDescriptors InitialWords(const QuantizedDescriptors& descriptors, int num_words,
                                   int threads, Rng& rng) {
   std::vector<Eigen::Index> chosen;

@@ -32,7 +32,8 @@ struct ClosestApproach {
   double sine;  // of the angle between the lines
 };
 
-// nullopt if the lines are parallel or numbers are not finite.
+// Returns where two lines are closest to each other; nullopt if they are parallel or numbers are
+// not finite.
 inline std::optional<ClosestApproach> Approach(const SightLine& a, const SightLine& b) {
   const Eigen::Vector3d normal = a.direction.cross(b.direction);
   const double length2 = normal.squaredNorm();

@@ -44,7 +44,7 @@ class BlockList {
     LeaveOutDuplicates();
   }
 
-  // In order; not all of them where they are more than there may be.
+  // Returns the blocks in order; not all of them where they are more than there may be.
   const std::vector<Coord>& blocks() const { return blocks_; }
 
  private:
@@ -219,7 +219,7 @@ class SurfaceNet {
     quads_.push_back(around);
   }
 
-  // The shorter diagonal of each quad is an edge.
+  // Returns the surface; of each quad the shorter diagonal is an edge.
   ZeroSurface ToSurface() const {
     ZeroSurface surface;
     surface.vertices.reserve(sums_.size());
@@ -267,7 +267,7 @@ struct DistanceGrid::Impl {
         distances(static_cast<float>(options.truncation / options.voxel)),
         weights(0.0F) {}
 
-  // The blocks of both trees, in their order.
+  // Lists the blocks of both trees, in their order.
   void ListBlocks() {
     if (!blocks.empty()) return;
     std::vector<Leaf*> of_weights;

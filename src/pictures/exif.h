@@ -40,7 +40,8 @@ struct DroneTags {
 
 struct Exif {
   bool is_jpeg = false;  // else nothing is read
-  // 1: as stored; 2 to 8: viewers flip and turn it, from 5 on so that the sides change places.
+  // With 1 the picture is as stored; with 2 to 8 viewers flip and turn it, from 5 on so that the
+  // sides change places.
   int orientation = 1;
   std::optional<double> focal_mm = std::nullopt;
   LensTags lens = {};

@@ -43,7 +43,7 @@ class IndexCompletion {
     }
   }
 
-  // After all given indices have been taken.
+  // Returns an index for each match; is called after all given indices have been taken.
   template <typename Match>
   std::vector<int> Complete(std::span<const Match> matches) {
     std::vector<int> indices;

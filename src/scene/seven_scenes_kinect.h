@@ -11,14 +11,15 @@
 
 namespace raylift {
 
-// 640 x 480, f 525 and 585: as published, the focal lengths of the drivers.
+// Return pinholes of 640 x 480 pixels whose focal lengths, 525 and 585, are those of the drivers,
+// as published.
 inline Camera SevenScenesColorCamera() {
   return Camera(CameraModel::kSimplePinhole, 640, 480, std::vector<double>{525, 320, 240});
 }
 inline Camera SevenScenesDepthCamera() {
   return Camera(CameraModel::kSimplePinhole, 640, 480, std::vector<double>{585, 320, 240});
 }
-// Some 26 mm apart and 0.67 degrees turned.
+// Returns the transform between the cameras, which are some 26 mm apart and turned by 0.67 degrees.
 inline Rigid3 SevenScenesColorFromDepth() {
   Eigen::Matrix3d rotation;
   rotation << 9.9996518012567637e-01, 2.6765126468950343e-03, -7.9041012313000904e-03,

@@ -199,13 +199,13 @@ class AnchorSearch {
     Anchor anchor;
     size_t place;  // of the frame among those with a pose
     size_t first;  // candidate that it may be tied to
-    // TieCosts::Tied() to the candidate `first` and to each after it, up to those of the frame
-    // before.
+    // These are TieCosts::Tied() to the candidate `first` and to each after it, up to those of the
+    // frame before.
     std::vector<double> tied = {};
     double wrong = 0;  // CostOfWrongPose()
     double right = 0;  // the cost of its being right, but for that of where it is if wrong
-    // The additional cost of so many frames before or after it being wrong although they agree with
-    // it.
+    // These are the additional costs of so many frames before or after it being wrong although they
+    // agree with it.
     std::vector<double> before = {0}, after = {0};
 
     double Before(size_t places) const { return before[std::min(places, before.size() - 1)]; }

@@ -29,7 +29,8 @@ struct ChainEquations {
 
   // Adds a term 1/2 r' W r with r = error + J step_i.
   void Add(size_t i, const Vector6d& error, const Matrix6d& jacobian, const Matrix6d& weight);
-  // The same with r = error + J step_i + K step_i-1 + k number.
+  // These are the derivatives J, K and k of a term 1/2 r' W r with r = error + J step_i + K
+  // step_i-1 + k number, which AddStep() adds.
   struct Jacobians {
     Matrix6d of_frame, of_before;
     Vector6d of_number;

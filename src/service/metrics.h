@@ -20,7 +20,7 @@ struct Gauge {
   double value;
 };
 
-// Thread safe.
+// Counts what the service does; any thread may call its functions.
 class Metrics {
  public:
   void CountRequest(const std::string& route, int status);

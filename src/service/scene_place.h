@@ -24,7 +24,7 @@ struct RoughPosition {
   std::optional<Eigen::Vector3d> sigma_m = std::nullopt;
 };
 
-// Thread safe.
+// Converts between the served scene and the earth; any thread may call its functions.
 class ScenePlace {
  public:
   // Throws InputError where the references lie outside of the area of use of the world's coordinate

@@ -54,10 +54,10 @@ struct AnswerWatch {
   void Check() const;
 };
 
-// Called where somebody wants to see the gauges.
+// Is called where somebody wants to see the gauges.
 using ReadGauges = std::function<std::vector<Gauge>()>;
 
-// Thread safe.
+// Answers the requests of clients; any thread may call its functions.
 class Service {
  public:
   explicit Service(const ServerOptions& options);

@@ -12,7 +12,7 @@
 
 namespace raylift {
 
-// Thread safe.
+// Holds the tokens of a file; any thread may call its functions.
 class Tokens {
  public:
   using Time = std::chrono::steady_clock::time_point;

@@ -27,8 +27,8 @@ class WalkTokens {
  public:
   using Time = std::chrono::system_clock::time_point;
 
-  // `key_file`: 32 bytes at least; empty: a random key, which no other process has. Throws
-  // InputError where it has fewer.
+  // `key_file` holds 32 bytes at least; where it is empty, the key is random, and no other process
+  // has it. Throws InputError where the file has fewer.
   explicit WalkTokens(const std::filesystem::path& key_file);
 
   // Returns base64 of the walk and its HMAC-SHA-256, some 35 kB at most. `scene` identifies the

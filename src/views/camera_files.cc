@@ -114,7 +114,8 @@ class PairScorer {
 
   const std::vector<double>& depths(size_t view) const { return depths_[view]; }
 
-  // The best, best first. Those that may be are asked first, whether or not something is between.
+  // Returns the best other views for a view, best first. Those that may be are asked first, whether
+  // or not something is between.
   std::vector<std::pair<double, size_t>> Best(size_t view) const {
     constexpr size_t kSources = 10, kAsked = 30;
     std::vector<size_t> others;

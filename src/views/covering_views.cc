@@ -128,7 +128,8 @@ class CoveringSampler {
     return found;
   }
 
-  // A camera that looks at a random surface point, where there is room for it and enough to see.
+  // Draws a camera that looks at a random surface point; nullopt where there is no room for it or
+  // not enough to see.
   std::optional<Rigid3> DrawPose(size_t index) const {
     Rng rng(StreamSeed(options_.seed, std::to_string(index), "covering"));
     const SurfaceSample& target =
@@ -151,7 +152,7 @@ class CoveringSampler {
     return pose;
   }
 
-  // Random, within kMaxObliqueDeg of a unit vector, evenly by area.
+  // Returns a random direction within kMaxObliqueDeg of a unit vector, evenly by area.
   static Eigen::Vector3d DirectionAround(const Eigen::Vector3d& axis, Rng& rng) {
     const double cosine = rng.Uniform(std::cos(kMaxObliqueDeg * kRadPerDeg), 1);
     const double bearing = rng.Uniform(0, 2 * std::numbers::pi);
@@ -203,7 +204,7 @@ class CoveringSampler {
     return gain;
   }
 
-  // The first of those that add most; null where none adds anything.
+  // Returns the first of those that add most; null where none adds anything.
   Candidate* FindBest() {
     Candidate* best = nullptr;
     double most = 0;

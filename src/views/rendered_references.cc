@@ -62,7 +62,7 @@ std::vector<std::string> DescribeUp(const UpDirection& up) {
                   axis.x(), axis.y(), axis.z())};
 }
 
-// Names that no photograph is likely to have.
+// Gives images names that no photograph is likely to have.
 void RenameImages(ColmapModel& model) {
   for (auto& [id, image] : model.images) image.name = "rendered/" + image.name;
 }

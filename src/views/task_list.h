@@ -26,16 +26,17 @@ struct TaskSelection {
   std::filesystem::path list = {};  // only the images in this list; empty: all
   std::string glob = {};            // only names that match, as in a shell; empty: all
   Subsampling subsampling = {};     // only every N-th of those, by name
-  // The factor by which the images are scaled, and their lens with them. At most one of these and
-  // the following.
+  // Images are scaled by this factor, and their lens with them. At most one of this and the
+  // following is given.
   std::optional<double> scale = std::nullopt;
   std::optional<PlaneSize> size = std::nullopt;
-  // Instead of the cameras: a panorama of this size from each camera's place.
+  // Instead of the images a panorama of this size is rendered from each camera's place.
   std::optional<PlaneSize> panorama = std::nullopt;
-  // Instead of each camera: the six faces of a cube around its place, this many pixels wide.
+  // Instead of each image the six faces of a cube around its camera's place are rendered, this many
+  // pixels wide.
   std::optional<int> cubemap = std::nullopt;
-  // The names of files without extension: {name}, {dir}, {stem}, {base}, see ExpandPattern, or
-  // {index}: the place among the tasks, 00000000.
+  // Files have these names, without extension: {name}, {dir}, {stem} and {base} are as
+  // ExpandPattern() has them, and {index} is the place among the tasks, 00000000.
   std::string pattern = "{dir}/{stem}";
 };
 

@@ -210,7 +210,7 @@ class Pyramid {
     }
   }
 
-  // The mean of a patch of about that width; bilinear.
+  // Returns the mean of a patch of about that width, bilinear between pixels.
   Vector3f At(const Vector2d& pixel, double width_px) const {
     const double octave = std::clamp(std::round(std::log2(std::max(width_px, 1.0))), 0.0,
                                      static_cast<double>(levels_.size() - 1));
@@ -335,7 +335,8 @@ class Coloring {
     coloring.median_pixel_width = UpperMedianInPlace(std::span(pixels));
   }
 
-  // Ring by ring from what is seen.
+  // Gives the vertices that are not seen the mean color of those around them, ring by ring from
+  // what is seen.
   void Spread(VertexColoring& coloring) const {
     std::vector<bool> known(samples_.size());
     std::vector<uint32_t> ring;

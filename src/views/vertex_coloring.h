@@ -27,8 +27,8 @@ struct VertexColoringOptions {
 
 struct VertexColoring {
   std::vector<std::array<uint8_t, 3>> colors_rgb;
-  // Vertices that a photograph sees. The others have the colors of their neighbors, and are gray
-  // where nothing that they are connected with is seen.
+  // Counts the vertices that a photograph sees. The others have the colors of their neighbors, and
+  // are gray where nothing that they are connected with is seen.
   size_t num_seen = 0;
   std::vector<Eigen::Vector3d> factors_rgb;  // per photograph; geometric mean 1
   // The distance between neighboring vertices in the photographs that see them best, and the width
@@ -41,8 +41,8 @@ struct VertexColoring {
 // Colors a mesh, which has the surface of `surface` and may be finer. A vertex takes what the
 // photographs show that see it (by rays), the side of the surface that is seen better: those that
 // resolve it best, in a patch as wide as its edges, weighed by how steeply they look at it; what
-// disagrees with most of them is left out. The same for any number of threads. Throws InputError
-// where a photograph is missing below `folder` or has not its camera's size.
+// disagrees with most of them is left out. The result is the same for any number of threads. Throws
+// InputError where a photograph is missing below `folder` or has not its camera's size.
 VertexColoring ColorVertices(const TriangleMesh& mesh, const RayCaster& surface,
                              std::span<const PosedImage> photographs,
                              const std::filesystem::path& folder,

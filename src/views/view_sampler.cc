@@ -90,7 +90,7 @@ class InsideSampler {
   }
 
  private:
-  // Views from places that are far from each other; one per place.
+  // Adds views from places that are far from each other, one for each place.
   void AddRound(const std::vector<Eigen::Vector3d>& eyes, Rng& rng, SampledViews& views) const {
     const auto wanted = static_cast<size_t>(options_.count) - views.cam_from_world.size();
     for (const size_t i : FarthestFirst(eyes, std::max(4 * wanted, kMinPlacesPerRound), rng)) {

@@ -169,7 +169,7 @@ class Gait {
     }
   }
 
-  // From where the camera is carried, x aside and y up.
+  // Returns the offset from where the camera is carried, x aside and y up.
   Eigen::Vector2d Offset(double way) const {
     const double phase = PhaseOf(way);
     return {kSway * std::sin(phase), kBob * std::cos(2 * phase)};

@@ -14,7 +14,7 @@
 
 namespace raylift {
 
-// Bad input. what() is one line: "FILE: PLACE: expected ..., found ...".
+// Says that input is bad. what() is one line: "FILE: PLACE: expected ..., found ...".
 class InputError : public std::runtime_error {
  public:
   explicit InputError(const std::string& message);
@@ -23,7 +23,7 @@ class InputError : public std::runtime_error {
   InputError(const std::filesystem::path& file, std::string_view place, std::string_view message);
 };
 
-// A bad option: "name = value: constraint". The name is that of the options' field
+// Says that an option is bad: "name = value: constraint". The name is that of the options' field
 // ("min_iterations"); where a constraint speaks of another field, it does so as "name = value",
 // too. Programs put their own names for the fields in their place.
 class OptionError : public std::runtime_error {

@@ -23,8 +23,8 @@
 namespace raylift {
 
 struct FusionOptions {
-  // The spacing of the grid, in scene units; nullopt: twice the median width of a pixel on the
-  // surface, or the noise of the views where that is more.
+  // This is the spacing of the grid, in scene units; with nullopt it is twice the median width of a
+  // pixel on the surface, or the noise of the views where that is more.
   std::optional<double> voxel = std::nullopt;
   // Distances are truncated here, in scene units; nullopt: 4 voxels, or 3 times the noise of the
   // views.

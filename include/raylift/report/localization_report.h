@@ -22,7 +22,7 @@ namespace raylift {
 
 struct LocalizationReportOptions {
   size_t num_queries = 0;
-  // May be empty: no photographs are shown then.
+  // Where these are empty, no photographs are shown.
   std::filesystem::path query_images = {}, reference_images = {};
   std::shared_ptr<const RayCaster> mesh = nullptr;  // null: no pictures of it
   // Where there are more queries, pictures and matches are in files of their own, which the page

@@ -39,7 +39,7 @@ struct LensTags {
 
 struct PositionPrior {
   Eigen::Vector3d position;  // of the camera's center, world frame
-  // Standard deviation along each axis of the world, scene units; 0: exact.
+  // These are standard deviations along each axis of the world, in scene units; 0 is exact.
   Eigen::Vector3d sigma = Eigen::Vector3d::Zero();
 };
 

@@ -24,8 +24,8 @@ struct Match2D2D {
   // reference's pose is uncertain: that of the point's projection by the uncertain pose.
   std::optional<double> reference_sigma_px = std::nullopt;
   // The keypoint's index in the query and in the reference's image: matches of one keypoint have
-  // equal indices. With matches from features these are the features' own. nullopt: not known;
-  // equal pixels are one keypoint then (keypoints.h).
+  // equal indices. With matches from features these are the features' own. With nullopt it is not
+  // known; equal pixels are one keypoint then (keypoints.h).
   std::optional<int> query_keypoint = std::nullopt;
   std::optional<int> reference_keypoint = std::nullopt;
   int camera = 0;  // index into the query's cameras: PoseProblem::CameraAt()

@@ -64,7 +64,7 @@ struct WalkedQuery {
 struct ToldWalk {
   std::string folder = {};           // Walk::folder
   std::vector<size_t> queries = {};  // its photographs, in the order of their times
-  // nullopt where smoothing gave nothing.
+  // Holds what smoothing gave; nullopt where it gave nothing.
   std::optional<SmoothedWalk> odometry = std::nullopt;
 };
 

@@ -72,10 +72,11 @@ struct SmoothedFrame {
 };
 
 struct SmoothedWalk {
-  // Empty where no frame has a pose of its own, or where an unknown scale is not observable.
+  // There are none where no frame has a pose of its own, or where an unknown scale is not
+  // observable.
   std::vector<SmoothedFrame> frames = {};
-  // False where the scale is unknown and there are no three frames with poses at different places
-  // that determine it.
+  // This is false where the scale is unknown and there are no three frames with poses at different
+  // places that determine it.
   bool scale_is_observable = true;
   double scale = 1;  // scene units per unit of the odometry
   double scale_sigma = 0;

@@ -21,11 +21,11 @@ struct ServerUrl {
 struct ClientOptions {
   ServerUrl server;
   std::string token = {};  // empty: none is sent
-  // Longest time for which a request to a busy server is repeated, and waited for, s.
+  // A request to a busy server is repeated, and waited for, for this time at most, in s.
   std::chrono::seconds patience{600};
 };
 
-// Thread safe.
+// Sends requests to a server; any thread may call its functions.
 class Client {
  public:
   explicit Client(ClientOptions options) : options_(std::move(options)) {}

@@ -68,7 +68,7 @@ struct ServerOptions {
   ServerLimits limits = {};
   std::filesystem::path tokens = {};  // empty: whoever reaches it may ask
   // The key that signs the state of walks that clients carry: replicas of one service share it.
-  // Empty: a random one, so that no other process accepts these tokens.
+  // Where it is empty, the key is random, so that no other process accepts these tokens.
   std::filesystem::path session_key = {};
   // Seconds from SIGTERM until no more requests are taken; meanwhile /readyz reports the end, so
   // that a proxy turns to other servers.

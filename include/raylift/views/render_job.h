@@ -171,11 +171,12 @@ struct RenderJobOptions {
   // Waits until another run that writes to the folder has ended.
   bool wait = false;
   std::vector<CameraFiles> camera_files = {};
-  // For transforms: the folder of the photographs; empty: the color images that are rendered.
+  // The transforms name photographs in this folder or, where it is empty, the color images that are
+  // rendered.
   std::filesystem::path photographs = {};
   bool preview = false;  // also make OUT/preview.png
-  // The command line, which timing.jsonl holds with the run's times. Empty: no such file is
-  // written.
+  // The command line, which timing.jsonl holds with the run's times. Where it is empty, no such
+  // file is written.
   std::string command = {};
 };
 

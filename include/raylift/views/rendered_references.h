@@ -70,9 +70,9 @@ struct RenderedReferences {
 };
 
 // Renders the views that are not in `out` yet from the same mesh and views; waits where another run
-// does so. Unlit where the mesh has colors, else shaded by a light at the camera, with a warning.
-// The bytes are the same for any number of threads. Throws InputError where there is no place for a
-// camera, or a file cannot be written.
+// does so. Pictures are unlit where the mesh has colors, else shaded by a light at the camera, with
+// a warning. The bytes are the same for any number of threads. Throws InputError where there is no
+// place for a camera, or a file cannot be written.
 RenderedReferences RenderReferences(const std::shared_ptr<const RayCaster>& mesh,
                                     const RenderedReferenceOptions& options,
                                     const RenderHooks& hooks);
