@@ -33,6 +33,13 @@ requires(!std::is_lvalue_reference_v<Json>) std::string JsonText(Json&& json, in
   return text;
 }
 
+// Returns the text of an object with another member at its end, whose value is a text, too.
+inline std::string WithMember(std::string object, const std::string& name,
+                              const std::string& value) {
+  object.pop_back();  // the brace
+  return object + ",\"" + name + "\":" + value + '}';
+}
+
 // Returns what the library says of a text or a value, without the number of its exception:
 // "[json.exception.type_error.302] type must be number, but is string".
 template <typename Exception>

@@ -206,11 +206,10 @@ std::string FormatGeoPoseAnswer(const GeoPoseRequest& request, const std::string
   SetIn(json, "accuracy", "position", position_m);
   SetIn(json, "accuracy", "orientation", orientation_deg);
   SetMember(json, "type", "geopose");
-  SetMember(json, "geopose", nlohmann::ordered_json::parse(camera.geopose));
   SetMember(json, "scene", scene);
   SetMember(json, "verdict", ToString(localized.verdict()));
   SetMember(json, "confidence", localized.confidence());
-  return JsonText(std::move(json));
+  return WithMember(JsonText(std::move(json)), "geopose", camera.geopose);
 }
 
 }  // namespace raylift

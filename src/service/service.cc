@@ -26,12 +26,6 @@
 
 namespace raylift {
 
-// Returns the line, a JSON object, with another member at its end.
-static std::string WithMember(std::string line, std::string_view name, const std::string& json) {
-  line.pop_back();  // the brace
-  return fmt::format("{},\"{}\":{}}}", line, name, json);
-}
-
 struct Service::Opened {
   ServedScene scene;
   ReferencesByName references;

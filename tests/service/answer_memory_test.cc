@@ -95,7 +95,7 @@ TEST(AnswerMemory, OfAGeoPose) {
     const auto answer = [&] {
       FormatGeoPoseAnswer({.id = "any", .photograph = {}}, "scene", query, {.geopose = geopose});
     };
-    EXPECT_GT(FailEachAllocation(answer), 30);
+    EXPECT_GT(FailEachAllocation(answer), 15);
   }
 }
 
