@@ -7,6 +7,7 @@
 
 #include "base/constants.h"
 #include "estimation/standard_options.h"
+#include "support/coherent_problem.h"
 #include "support/matchers.h"
 #include "support/synthetic_problem.h"
 
@@ -348,6 +349,20 @@ TEST(DegenerateProblems, OutliersAloneEndInTime) {
             << "few matches fall together by chance";
       }
     }
+  }
+}
+
+// The distance hangs on a few matches of the other reference, which leave it next to unbounded.
+TEST(DegenerateProblems, PairsOfNextToOneReferenceAreSound) {
+  Rng rng = TestRng();
+  for (int i = 0; i < 60; ++i) {
+    CoherentProblem made = MakeCoherentProblem(
+        std::to_string(i),
+        {.num_keypoints = 200, .num_references = 2, .baseline = 1, .wrong = 0.5, .sigma_px = 1.5},
+        rng);
+    made.problem.matches_2d3d.clear();
+    KeepPairs(made.problem, {200, i % 6});
+    EXPECT_TRUE(IsSound(EstimateWith(Method::kAdaptive, made.problem), made.problem)) << i;
   }
 }
 

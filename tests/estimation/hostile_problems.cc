@@ -14,8 +14,10 @@
 #include <utility>
 #include <vector>
 
+#include "base/rng.h"
 #include "base/statistics.h"
 #include "estimation/hostile_problem.h"
+#include "estimation/methods/methods.h"
 #include "estimation/standard_options.h"
 #include <fmt/format.h>
 
@@ -87,7 +89,8 @@ double MedianDistance(const PoseProblem& problem) {
 }
 
 // What is wrong with the inliers of a pose, by the residuals' reference implementations; empty
-// where nothing is. Numbers of such sizes that rounding alone could make an inlier are passed over.
+// where nothing is. Numbers of such sizes that rounding alone could make an inlier are passed over, as
+// are matches that repeat another one, which are what that one is.
 std::string FaultOfInliers(const HostileProblem& made, const PoseEstimate& estimate) {
   const PoseProblem& problem = made.problem;
   const Rigid3& pose = *estimate.cam_from_world;
@@ -100,9 +103,17 @@ std::string FaultOfInliers(const HostileProblem& made, const PoseEstimate& estim
   }
   const double focal_px = std::max(camera.focal_x_px(), camera.focal_y_px());
   const double most_px = made.options.reprojection_threshold_px;
+  Rng rng(0);
+  const NormalizedProblem normalized = Normalize(problem, made.options, rng);
+  const ReferenceSigmas& sigmas = problem.reference_sigmas;
+  const bool references_are_uncertain = sigmas.factor.value_or(0) > 0 ||
+                                        sigmas.rotation_deg.value_or(0) > 0 ||
+                                        sigmas.position.value_or(0) > 0;
   for (size_t i = 0; i < problem.matches_2d3d.size(); ++i) {
     const Match2D3D& match = problem.matches_2d3d[i];
     if (!estimate.inliers_2d3d[i] || match.point_sigma || made.options.point_sigma > 0) continue;
+    if (match.reference && references_are_uncertain) continue;
+    if (normalized.repeats.of_2d3d[i] != i) continue;
     if (!HasExactResidual(camera, match.query_px)) continue;
     const double depth = (pose * match.point_in_world).z();
     // On which side of the camera it is, is rounding alone.
@@ -132,7 +143,6 @@ std::string FaultOf(const HostileProblem& made, const PoseEstimate& estimate) {
                    !fits(estimate.score_2d2d, estimate.inliers_2d2d))) {
     return "the counts are not those of the inliers";
   }
-  if (!(estimate.confidence >= 0 && estimate.confidence <= 1)) return "the confidence is none";
   if (has_pose == (estimate.verdict == PoseVerdict::kFailed)) return "the verdict is another";
   if (estimate.covariance && !(estimate.covariance->diagonal().minCoeff() >= 0)) {
     return "a variance is negative";

@@ -1,6 +1,9 @@
 #include "estimation/standard_options.h"
 
 #include <cmath>
+#include <string>
+
+#include "estimation/fields.h"
 
 #include "raylift/estimation/pose_estimator.h"
 
@@ -56,7 +59,15 @@ double PositionErrorOrFar(const PoseEstimate& estimate, const Rigid3& truth) {
       !std::isfinite(estimate.score_2d2d.msac_cost)) {
     return fail("a number is not finite");
   }
-  return ::testing::AssertionSuccess();
+  if (!(estimate.confidence >= 0 && estimate.confidence <= 1))
+    return fail("the confidence is none");
+  bool has_noise = true;
+  if (estimate.noise) {
+    ForEachNumber<double>(ConstFieldsOf(*estimate.noise), [&](const std::string&, double value) {
+      has_noise = has_noise && std::isfinite(value);
+    });
+  }
+  return has_noise ? ::testing::AssertionSuccess() : fail("the noise is not finite");
 }
 
 ::testing::AssertionResult IsIdentical(const PoseEstimate& a, const PoseEstimate& b) {

@@ -151,12 +151,14 @@ class JointExpectationKernel {
     return Constant(1 + 2 * of_.keypoint_tail) /
            (Constant(1) + Constant(of_.keypoint_tail) * squared);
   }
-  // Returns the density of an error; 0 where it is not finite.
+  // Returns the density of an error; 0 where it is not finite, or rounding leaves no covariance, as
+  // where the match alone bounds what it would be predicted by.
   Real Density(const PixelPrediction& predicted) const {
     const Real determinant = predicted.covariance.Determinant();
     const Real density =
         StudentDensity(predicted.Squared(), of_) / (Constant(kTwoPi) * SquareRoot(determinant));
-    return Where((Constant(0) < determinant) & IsFinite(density), density);
+    const Mask is_positive = (Constant(0) < determinant) & (Constant(0) < predicted.covariance.xx);
+    return Where(is_positive & IsFinite(density), density);
   }
 
   const JointBlocks& blocks_;

@@ -61,7 +61,8 @@ void DescribePose(const NormalizedProblem& problem, const RefinedPose& final_pos
                            std::vector<bool>& inliers) {
     std::vector<double> costs(repeats.size(), 1);
     for (size_t i = 0; i < matches.size(); ++i) {
-      costs[static_cast<size_t>(matches[i].match)] = std::min(squared[i], 1.0);
+      // In this order, what is no number costs 1.
+      costs[static_cast<size_t>(matches[i].match)] = std::min(1.0, squared[i]);
     }
     score = {.num_matches = static_cast<int>(repeats.size())};
     inliers.clear();

@@ -1,5 +1,6 @@
 #include "estimation/refinement/refinement.h"
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <utility>
@@ -23,7 +24,8 @@ NoisePrior PriorOf(const std::optional<SceneNoise>& scene, double threshold2, do
   prior.keypoint_px2 = {threshold2 * kPriorVariance, 4};
   if (!scene) return prior;
   const auto variance = [](const KnownNoise& known, double unit = 1) {
-    return VariancePrior{std::pow(known.sigma / unit, 2), known.errors};
+    constexpr double kMost = 1e100;  // stays a number whatever it is multiplied with
+    return VariancePrior{std::min(std::pow(known.sigma / unit, 2), kMost), known.errors};
   };
   if (scene->keypoint_px.errors > 4) prior.keypoint_px2 = variance(scene->keypoint_px);
   prior.depth = variance(scene->depth);
