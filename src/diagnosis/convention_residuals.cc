@@ -287,7 +287,22 @@ ConventionFit ConventionResiduals::FitOf(const DataConvention& convention,
   ConventionFit fit = MakeFit(std::move(errors), std::move(chance));
   fit.asked = asked;
   fit.coverage = static_cast<double>(fit.count) / std::max<double>(1, static_cast<double>(asked));
+  LimitChance(convention, fit);
   return fit;
+}
+
+void ConventionResiduals::LimitChance(const DataConvention& convention, ConventionFit& fit) const {
+  const std::vector<Observation>& observations = observations_.at(convention.poses);
+  const std::vector<size_t> shuffled = Shuffled();
+  std::vector<double> chance;
+  for (size_t i = 0; i < keypoints_.size(); ++i) {
+    const auto& other = observations[shuffled[i]].depth;
+    if (observations[i].depth && other) chance.push_back(ErrorAt(convention, i, other->z));
+  }
+  if (chance.empty()) return;
+  const ConventionFit of_right = MakeFit({}, std::move(chance));
+  fit.median_chance_px = std::min(fit.median_chance_px, of_right.median_chance_px);
+  fit.upper_chance_px = std::min(fit.upper_chance_px, of_right.upper_chance_px);
 }
 
 std::vector<std::optional<double>> ConventionResiduals::Errors(

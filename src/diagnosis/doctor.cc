@@ -27,6 +27,9 @@ constexpr double kLeastPurity = 0.7;
 constexpr double kLeastAgreement = 0.03;
 constexpr size_t kFewestAgreeing = 100;
 
+// The largest median error of what may pass, of that of depths at random.
+constexpr double kPassableOfChance = 0.5;
+
 // A mesh in its place should cover this share of the keypoints.
 constexpr double kLeastCoverageOfPlaced = 0.4;
 
@@ -58,10 +61,10 @@ bool IsGood(const ConventionFit& fit, double baseline_error_px) {
 // Returns whether a fit may pass as it is read where nothing explains the matches better, as that
 // of noisy depth.
 bool IsPassable(const ConventionFit& fit, double baseline_error_px) {
-  constexpr double kOfChance = 0.5;
   constexpr double kUpperOfChance = 0.3;
-  return IsGood(fit, baseline_error_px) || (fit.median_px <= kOfChance * fit.median_chance_px &&
-                                            fit.upper_px <= kUpperOfChance * fit.upper_chance_px);
+  return IsGood(fit, baseline_error_px) ||
+         (fit.median_px <= kPassableOfChance * fit.median_chance_px &&
+          fit.upper_px <= kUpperOfChance * fit.upper_chance_px);
 }
 
 void Say(Diagnosis& diagnosis, InputVerdict verdict, InputFault fault, std::string reason) {
@@ -252,7 +255,7 @@ class Examination {
       if (fit.count >= kFewestKeypoints && IsGood(fit, baseline_error_px_)) return AcceptBest(fit);
       return NothingFits(InputFault::kNone, kLimitsDrop);
     }
-    if (input_.mesh != nullptr && options_.mesh_frames && FindMeshFrame(accepted)) return;
+    if (input_.mesh != nullptr && FindMeshFrame(accepted)) return;
     if (input_.map_size_px && FindAffineFault(accepted)) return;
     if (accepted) return AcceptBest(fit);
     if (best.poses != poses_) {
@@ -359,7 +362,9 @@ class Examination {
     // A place that is good in itself need only be compared with one that is, too: the spread over
     // pairs of images, of which a few references have too few, tells the better of two. What most
     // rays pass by is accepted for the few that meet it alone.
-    const bool stands = accepted && as_read_px < ConventionResiduals::kLargestPx;
+    const bool stands =
+        accepted && as_read_px <= std::max(ExactPx(baseline_error_px_),
+                                           kPassableOfChance * as_read_fit.median_chance_px);
     const double largest_px = stands ? 0.6 * as_read_px : std::numeric_limits<double>::infinity();
     std::erase_if(found, [&](const PlacedMesh& placed) {
       return !IsGoodPlace(placed.fit, baseline_error_px_) || placed.fit.median_px > largest_px ||

@@ -274,6 +274,7 @@ PlacedMesh MeshFrameSearch::Judge(const MeshPlacement& placement) const {
   }
   PlacedMesh placed{
       placement, placement * as_placed_, MakeFit(std::move(errors_px), std::move(chance_px)), {}};
+  data_.LimitChance(convention_, placed.fit);
   placed.errors_px.resize(depths.size());
   for (const Sample& sample : held_out_) {
     const auto& depth = depths[sample.keypoint];

@@ -87,6 +87,24 @@ TEST(Doctor, NamesAMeshElsewhereWithEightReferences) {
   }
 }
 
+// Walls that lie upon each other let half of what is seen fit, and a reading that is far off has
+// depths that would be even worse at random.
+TEST(Doctor, NamesAMeshThatHalfFitsWhereItIs) {
+  const fs::path demo = DemoFolder();
+  const fs::path folder = TestFolder();
+  for (const std::string key : {"axes=x/-z/y", "shift=2/0/0"}) {
+    const CommandResult result = RunRaylift(
+        {"doctor", "--model", demo / "model", "--images", demo / "images", "--queries",
+         demo / "queries.txt", "--query-images", demo / "images", "--cache", folder / "cache",
+         "--geometry", "mesh:" + (demo / "scene.obj").string() + "," + key, "--quiet", "--json",
+         folder / "doctor.json"});
+    EXPECT_TRUE(Succeeds(result));
+    const auto found = nlohmann::json::parse(ReadFile(folder / "doctor.json"));
+    EXPECT_EQ(found["verdict"], "repair") << key;
+    EXPECT_EQ(found["repair"]["replaced_keys"], nlohmann::json({key}));
+  }
+}
+
 TEST(Localize, WarnsWhereAnotherReadingIsFarBetter) {
   const RoomScene scene = WriteRoomScene(TestFolder());
   const fs::path out = scene.folder / "out";
@@ -118,6 +136,26 @@ TEST(Localize, WarnsByOneQueryAsByMany) {
   const auto summary = nlohmann::json::parse(ReadFile(folder / "out" / "summary.json"));
   EXPECT_EQ(summary["verdicts"]["doubtful"], 1);
   EXPECT_EQ(summary["localized"], 0);
+}
+
+TEST(Localize, WarnsWhereTheMeshBelongsElsewhere) {
+  const fs::path demo = DemoFolder();
+  const fs::path folder = TestFolder();
+  WriteFile(folder / "one.txt", Lines(ReadFile(demo / "queries.txt")).front() + '\n');
+  for (const std::string key : {"", "scale=1.2", "shift=2/0/0"}) {
+    const CommandResult result =
+        RunRaylift({"localize", "--model", demo / "model", "--images", demo / "images", "--cache",
+                    folder / "cache", "--geometry",
+                    "mesh:" + (demo / "scene.obj").string() + (key.empty() ? "" : "," + key),
+                    "--queries", folder / "one.txt", "--max-features", "500", "--out",
+                    folder / ("out" + key.substr(0, 5)), "--quiet"});
+    EXPECT_EQ(result.exit_code, 0);
+    if (key.empty()) {
+      EXPECT_EQ(result.err, "");
+    } else {
+      EXPECT_NE(result.err.find("leave out " + key), std::string::npos) << key << result.err;
+    }
+  }
 }
 
 }  // namespace

@@ -227,7 +227,7 @@ TEST_F(RgbdSmallDoctor, IsSilentWhereReferencesAreFew) {
 }
 
 TEST_F(RgbdSmallDoctor, FewMatchesTellGrossErrorsAndRaiseNoFalseAlarm) {
-  const DoctorOptions quick{.max_matches = 1500, .half_pixels = false, .mesh_frames = false};
+  const DoctorOptions quick{.max_matches = 1500, .half_pixels = false};
   const Scene sensor = With("depth_sensor");
   const Scene monocular = With("depth_mono_sim");
   EXPECT_TRUE(Finds({}, 0, Examine(sensor, {}, quick)));

@@ -67,9 +67,6 @@ DoctorInput MakeDoctorInput(const NamedGeometry& geometry, std::span<const Posed
 struct DoctorOptions {
   size_t max_matches = 20000;  // evenly out of all
   bool half_pixels = true;     // also tests these, which take many matches
-  // Looks for the place of a mesh that does not fit, or that would fit far better elsewhere, which
-  // takes time.
-  bool mesh_frames = true;
   int threads = 0;
 };
 

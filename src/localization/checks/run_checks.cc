@@ -167,9 +167,9 @@ std::optional<std::string> QuickDoctor::Warn(const NamedGeometry& geometry,
       all.push_back(match);
     }
   }
-  const Diagnosis diagnosis = Diagnose(
-      MakeDoctorInput(geometry, references.images, all, poses),
-      {.max_matches = kMatches, .half_pixels = false, .mesh_frames = false, .threads = threads});
+  const Diagnosis diagnosis =
+      Diagnose(MakeDoctorInput(geometry, references.images, all, poses),
+               {.max_matches = kMatches, .half_pixels = false, .threads = threads});
   // It is for WarnOfGeometry() to say that few points come from the geometry, or that few matches
   // fit.
   const bool named = diagnosis.fault != InputFault::kNone && diagnosis.fault != InputFault::kPoses;
