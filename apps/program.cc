@@ -341,10 +341,29 @@ std::vector<std::string> WithSceneFile(const Program& program, std::vector<std::
   return arguments;
 }
 
+// Throws OptionError where an option that takes a value is followed by another option of the
+// command, which would be its value.
+void RequireValues(const CLI::App& app, const std::vector<std::string>& arguments) {
+  const auto commands = app.get_subcommands([&](const CLI::App* command) {
+    return !arguments.empty() && command->check_name(arguments.front());
+  });
+  if (commands.empty()) return;
+  const CLI::App& command = *commands.front();
+  for (size_t i = 1; i + 1 < arguments.size(); ++i) {
+    if (!arguments[i].starts_with("--") || !arguments[i + 1].starts_with("--")) continue;
+    const CLI::Option* const option = command.get_option_no_throw(arguments[i]);
+    const CLI::Option* const next = command.get_option_no_throw(arguments[i + 1]);
+    if (option == nullptr || next == nullptr || option->get_items_expected_min() == 0) continue;
+    throw OptionError(fmt::format("{0} needs a value, found {1} ({0}={1} would be one)",
+                                  arguments[i], arguments[i + 1]));
+  }
+}
+
 // Returns the program that has parsed these arguments and those that their files hold. Throws
 // CLI::ParseError for what cannot be parsed, CLI::Success for --help and --version.
 Program Parsed(const Program& survey, const std::vector<std::string>& arguments) {
   Program program = MakeProgram();
+  RequireValues(*survey.app, arguments);
   Parse(survey, arguments);
   Parse(program, WithSceneFile(program, WithConfigFile(survey, arguments)));
   return program;

@@ -46,6 +46,15 @@ TEST(Options, VersionTellsWhatItRunsWithIfAsked) {
   }
 }
 
+TEST(Options, AnotherOptionIsNoValue) {
+  const CommandResult result = RunRaylift({"localize", "--out", "--quiet", "--model", "m"});
+  EXPECT_EQ(result.exit_code, 2);
+  EXPECT_NE(result.err.find("--out needs a value, found --quiet"), std::string::npos) << result.err;
+  // A folder may have any name.
+  const CommandResult given = RunRaylift({"localize", "--out=--quiet", "--model", "m"});
+  EXPECT_EQ(given.err.find("needs a value, found"), std::string::npos) << given.err;
+}
+
 TEST(Options, HelpNamesTheCommands) {
   const CommandResult result = RunRaylift({"--help"});
   EXPECT_TRUE(Succeeds(result));
