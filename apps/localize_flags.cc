@@ -249,7 +249,7 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags, const char* out
   AddGeometryOptions(command, flags.geometry);
   const OptionGroup geometry(command, "Geometry");
   geometry.Flag("--no-doctor", flags.no_doctor,
-                "Do not check whether depth and poses are read as they were meant");
+                "Do not check whether geometry and poses are read as they were meant");
   geometry.Add("--scene-calibration", flags.scene_calibration,
                "What is known of the scene, depth corrections and noise: the file that\n"
                "calibrate or a run wrote (default: learned from the references, or from the\n"
