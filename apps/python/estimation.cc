@@ -325,8 +325,7 @@ determine the pose.)")
             return alternatives;
           },
           "Poses elsewhere that explain the matches about as well, so that the pose is doubtful; "
-          "the "
-          "likeliest first.")
+          "the likeliest first.")
       .def_readonly("inlier_keypoints", &PoseEstimate::inlier_keypoints,
                     "Of the query: one counts once, in however many references.")
       .def_readonly("num_keypoints", &PoseEstimate::num_keypoints, "That have matches.")

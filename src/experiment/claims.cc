@@ -246,10 +246,9 @@ std::string FormatClaimsText(std::span<const JudgedClaim> claims) {
 std::string FormatClaimsMarkdown(std::span<const JudgedClaim> claims) {
   std::string text =
       "Differences of means over the queries with their 95 % intervals (paired bootstrap; to the "
-      "best "
-      "of several opponents in each draw). Shown: better, contradicted: worse, each beyond luck by "
-      "Holm's correction over all lines at 5 %; holds: not worse by more than a percentage point; "
-      "noise: the queries do not tell.\n";
+      "best of several opponents in each draw). Shown: better, contradicted: worse, each beyond "
+      "luck by Holm's correction over all lines at 5 %; holds: not worse by more than a percentage "
+      "point; noise: the queries do not tell.\n";
   for (const JudgedClaim& claim : claims) {
     text += fmt::format("\n**{}. {}** {}.\n\n", EscapeMarkdown(claim.name),
                         EscapeMarkdown(claim.text), Summary(claim));

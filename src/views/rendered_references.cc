@@ -164,8 +164,7 @@ RenderedReferences RenderReferences(const std::shared_ptr<const RayCaster>& mesh
     references.warnings.emplace_back(
         "the mesh has neither texture nor vertex colors: pictures of its shape rarely match "
         "photographs by RootSIFT, and poses with few inliers are then wrong; `raylift color` "
-        "gives "
-        "it those of photographs with poses");
+        "gives it those of photographs with poses");
   }
   ColmapModel model =
       MakeSampledModel(options.views.camera, sampled.views.cam_from_world, /*rig_cameras=*/1);

@@ -134,7 +134,8 @@ std::optional<SceneNoise> CommonNoise(std::span<const PoseEstimate> estimates);
 struct EstimatorOptions;
 
 // Learns the noise from some 30 of `count` problems of one scene, evenly spaced; nullopt where they
-// are too few to tell or the options make no use of it. `problem_at` is called from several threads.
+// are too few to tell, or the options make no use of it. `problem_at` is called from several
+// threads.
 std::optional<SceneNoise> LearnSceneNoise(size_t count,
                                           const std::function<PoseProblem(size_t)>& problem_at,
                                           const EstimatorOptions& options, int threads);

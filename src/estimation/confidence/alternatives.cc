@@ -33,7 +33,7 @@ std::vector<int> OfOneReference(const PoseProblem& problem, const std::vector<in
 // Returns the problem without the explained matches, and without those that cannot count: its 2D-3D
 // matches, if they are scored and enough for a sample, else its 2D-2D matches. Of the 2D-3D matches
 // it has only one reference's: these agree on another answer where those of others may not.
-PoseProblem Rest(const PoseProblem& problem, const NormalizedProblem& prepared,
+PoseProblem Rest(const PoseProblem& problem, const NormalizedProblem& normalized,
                  const std::vector<bool>& explained, MatchSets scored) {
   PoseProblem rest;
   rest.name = problem.name;
@@ -44,7 +44,7 @@ PoseProblem Rest(const PoseProblem& problem, const NormalizedProblem& prepared,
   size_t index = 0;
   if (Has2D3D(scored)) {
     std::vector<int> left;
-    for (const NormalizedMatch2D3D& point : prepared.matches_2d3d) {
+    for (const NormalizedMatch2D3D& point : normalized.matches_2d3d) {
       if (!explained[index++]) left.push_back(point.match);
     }
     for (const int i : OfOneReference(problem, left)) {
@@ -55,7 +55,7 @@ PoseProblem Rest(const PoseProblem& problem, const NormalizedProblem& prepared,
     rest.matches_2d3d.clear();
   }
   if (Has2D2D(scored)) {
-    for (const NormalizedMatch2D2D& pair : prepared.matches_2d2d) {
+    for (const NormalizedMatch2D2D& pair : normalized.matches_2d2d) {
       if (explained[index++]) continue;
       rest.matches_2d2d.push_back(problem.matches_2d2d[static_cast<size_t>(pair.match)]);
     }
@@ -95,11 +95,12 @@ double ProbabilityOverAlternative(const ExclusiveInliers& exclusive, double clus
   return *probability / (*probability + against * std::exp(-log_odds));
 }
 
-std::optional<Rigid3> FindAlternative(const PoseProblem& problem, const NormalizedProblem& prepared,
+std::optional<Rigid3> FindAlternative(const PoseProblem& problem,
+                                      const NormalizedProblem& normalized,
                                       const std::vector<bool>& explained, MatchSets scored,
                                       const EstimatorOptions& options) {
   Rng rng(StreamSeed(options.seed, problem.name, "rival"));
-  const NormalizedProblem rest(Rest(problem, prepared, explained, scored),
+  const NormalizedProblem rest(Rest(problem, normalized, explained, scored),
                                options.reprojection_threshold_px, options.sampson_threshold_px, rng,
                                options.point_sigma);
   const P3pSampler p3p(rest);

@@ -112,22 +112,22 @@ class FocalSearch {
 
 Trial FocalSearch::Try(const SearchedValue& value, double at, const Rigid3& start) const {
   const PoseProblem changed = WithCamera(problem_, value.camera_at(at));
-  const NormalizedProblem prepared = Prepare(changed, options_);
+  const NormalizedProblem normalized = Prepare(changed, options_);
   // Inliers under a wrong focal length lie beyond the threshold: the local optimization reaches
   // for them first.
-  const CamFromLocal near = OptimizeLocally(prepared, prepared.ToLocal(start), sets_, 10);
+  const CamFromLocal near = OptimizeLocally(normalized, normalized.ToLocal(start), sets_, 10);
   CamFromLocal pose = near;
   if (options_.refinement == Refinement::kRobust) {
-    MaximumLikelihood likelihood(prepared, sets_);
+    MaximumLikelihood likelihood(normalized, sets_);
     likelihood.Refine(near);
     pose = likelihood.pose();
   }
-  const Residuals residuals = ComputeResiduals(prepared, pose);
+  const Residuals residuals = ComputeResiduals(normalized, pose);
   // Matches whose pixel has no ray cost as much as outliers.
   const double cost =
-      (Has2D3D(sets_) ? TruncatedSum(residuals.of_2d3d, prepared.num_matches_2d3d) : 0) +
-      (Has2D2D(sets_) ? TruncatedSum(residuals.of_2d2d, prepared.num_matches_2d2d) : 0);
-  return {at, cost, changed.query_camera, prepared.ToWorld(pose)};
+      (Has2D3D(sets_) ? TruncatedSum(residuals.of_2d3d, normalized.num_matches_2d3d) : 0) +
+      (Has2D2D(sets_) ? TruncatedSum(residuals.of_2d2d, normalized.num_matches_2d2d) : 0);
+  return {at, cost, changed.query_camera, normalized.ToWorld(pose)};
 }
 
 // Searches for the lowest cost: a coarse grid finds the basin, golden sections its lowest point.
@@ -190,16 +190,16 @@ Trial FocalSearch::Best(const Rigid3& start, double shortest, double longest) co
 
 std::optional<FocalStep> FocalSearch::StepFrom(const Camera& camera, CamFromLocal& pose) const {
   const PoseProblem problem = WithCamera(problem_, camera);
-  NormalizedProblem prepared = Prepare(problem, options_);
+  NormalizedProblem normalized = Prepare(problem, options_);
   if (sets_ == MatchSets::kBoth) {
     const RefinedPose refined =
-        RefineByEvidence(prepared, GatherEvidence(problem, prepared), pose,
-                         KnownNoiseOf(prepared, options_), FocalDerivatives::kAtPose);
+        RefineByEvidence(normalized, GatherEvidence(problem, normalized), pose,
+                         KnownNoiseOf(normalized, options_), FocalDerivatives::kAtPose);
     pose = refined.pose;
     return refined.focal;
   }
-  prepared.TakeFocalSigma(problem, kMaxFocalSigma);
-  MaximumLikelihood likelihood(prepared, sets_);
+  normalized.TakeFocalSigma(problem, kMaxFocalSigma);
+  MaximumLikelihood likelihood(normalized, sets_);
   likelihood.Refine(pose);
   pose = likelihood.pose();
   return likelihood.StepOfFocal();

@@ -102,9 +102,8 @@ std::optional<std::string> WarnOfAssumedLenses(std::span<const Query> queries) {
   const std::string up_to = factors.size() > 1 ? fmt::format(" to {}", *factors.rbegin()) : "";
   return fmt::format(
       "the cameras of {} of {} photographs are not known: a principal point near the middle, "
-      "little "
-      "distortion and a focal length that is right to a factor of {}{} are assumed; the rest is "
-      "estimated with each pose",
+      "little distortion and a focal length that is right to a factor of {}{} are assumed; the "
+      "rest is estimated with each pose",
       assumed, queries.size(), *factors.begin(), up_to);
 }
 

@@ -172,8 +172,7 @@ std::string Describe(const RunTimes& times, std::span<const LocalizedQuery> quer
   stages += fmt::format("write {:.1f} s", times.writing);
   return fmt::format(
       "{:.1f} s: {:.1f} s to read, {:.1f} s to match, {:.1f} s for what the queries share, {:.1f} "
-      "s "
-      "for them (all threads: {})",
+      "s for them (all threads: {})",
       times.Total(), times.reading, times.matching, times.learning, times.queries, stages);
 }
 
