@@ -49,9 +49,10 @@ std::string MessageOf(const Exception& error) {
   return message.substr(id_end == std::string::npos ? 0 : id_end + 2);
 }
 
-// Sets a member of an object; null becomes one. The library's own [] ends the process where there
-// is no memory: it makes null an object before it has one, and an ordered object that grows copies
-// its members and takes memory again to destroy them.
+// Sets a member of an object; null becomes one. The library's own [] ends the process where one
+// allocation fails: it makes null an object before it has one, and an ordered object that grows
+// copies its members and takes memory again to destroy them. Where it throws, the object may have
+// lost members.
 template <typename Json>
 void SetMember(Json& object, const std::string& name, std::type_identity_t<Json> value) {
   if (object.is_null()) object = Json::object();
@@ -61,7 +62,7 @@ void SetMember(Json& object, const std::string& name, std::type_identity_t<Json>
     if (members.size() == members.capacity()) {
       Members grown;
       grown.reserve(2 * members.size() + 1);
-      for (auto& [key, member] : members) grown.emplace(key, std::move(member));
+      for (auto& [key, member] : members) grown.emplace_back(key, std::move(member));
       members.swap(grown);
     }
   }

@@ -287,17 +287,21 @@ ConventionFit ConventionResiduals::FitOf(const DataConvention& convention,
   ConventionFit fit = MakeFit(std::move(errors), std::move(chance));
   fit.asked = asked;
   fit.coverage = static_cast<double>(fit.count) / std::max<double>(1, static_cast<double>(asked));
-  LimitChance(convention, fit);
   return fit;
 }
 
-void ConventionResiduals::LimitChance(const DataConvention& convention, ConventionFit& fit) const {
+void ConventionResiduals::LimitChance(const DataConvention& convention,
+                                      std::span<const std::optional<double>> depths,
+                                      ConventionFit& fit) const {
   const std::vector<Observation>& observations = observations_.at(convention.poses);
+  const auto right_depth = [&](size_t i) {
+    return depths[i] ? observations[i].depth : std::optional<TriangulatedDepth>();
+  };
   const std::vector<size_t> shuffled = Shuffled();
   std::vector<double> chance;
   for (size_t i = 0; i < keypoints_.size(); ++i) {
-    const auto& other = observations[shuffled[i]].depth;
-    if (observations[i].depth && other) chance.push_back(ErrorAt(convention, i, other->z));
+    const auto other = right_depth(shuffled[i]);
+    if (right_depth(i) && other) chance.push_back(ErrorAt(convention, i, other->z));
   }
   if (chance.empty()) return;
   const ConventionFit of_right = MakeFit({}, std::move(chance));

@@ -74,10 +74,11 @@ class ConventionResiduals {
   ConventionFit FitOf(const DataConvention& convention,
                       std::span<const double> log_factor_of_map) const;
 
-  // Lowers the errors by chance to those that right depths, exchanged at random, would have: a
-  // reading whose depths are all further off tells nothing, however much worse its own depths,
-  // exchanged, would be.
-  void LimitChance(const DataConvention& convention, ConventionFit& fit) const;
+  // Lowers the errors by chance of a fit of these depths to those that right depths of the same
+  // keypoints, exchanged at random, would have: a reading whose depths are all further off tells
+  // nothing, however much worse its own depths, exchanged, would be.
+  void LimitChance(const DataConvention& convention, std::span<const std::optional<double>> depths,
+                   ConventionFit& fit) const;
 
   // Returns the error in pixels, at most `kLargestPx`, of a keypoint at a depth z.
   double ErrorAt(const DataConvention& convention, size_t keypoint, double z) const;

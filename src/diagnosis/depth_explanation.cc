@@ -320,7 +320,8 @@ std::optional<DepthExplanation> ExplainDepthErrors(std::span<const ExplainedView
   if (result.error < kRoundingOfFloats) return result;
   result.flying_percent = FlyingPercent(views, judging);
   result.worst_place = WorstPlace(views, judging);
-  NameCause(TriedCauses(AllFitters(views, halves.training), judging, errors, threads),
+  const std::vector<CauseFitter> fitters = AllFitters(views, halves.training);
+  NameCause(TriedCauses(fitters, judging, errors, threads),
             std::max(0.0, result.error - result.noise), result);
   return result;
 }

@@ -50,9 +50,6 @@ std::string WorstImages(std::span<const ReferenceMatch> matches, const std::vect
 std::string DescribeSearch(std::optional<MeshSearch> search) {
   if (!search) return "";
   switch (*search) {
-    case MeshSearch::kNotSearched:
-      return "; whether another unit, axes, mirror or shift of the mesh mends that, raylift "
-             "doctor tells";
     case MeshSearch::kTooFewMatches:
       return "; the matches are too few to look for another place of the mesh";
     case MeshSearch::kTooTangled:

@@ -233,17 +233,21 @@ class Examination {
   ConventionFit FitOf(const DataConvention& convention) const {
     return data_.FitOf(convention, data_.FitScales(convention).log_factors);
   }
+  const ConventionFit& LimitChance(const DataConvention& convention, ConventionFit& fit) const {
+    data_.LimitChance(convention, data_.Depths(convention), fit);
+    return fit;
+  }
 
   // Judges the best convention in itself, and looks for other faults.
   void Judge() {
     const DataConvention best = diagnosis_.best;
-    const ConventionFit fit = FitOf(best);
-    diagnosis_.fit = fit;
-    if (!TellsDepth(fit, data_, poses_, baseline_error_px_)) {
+    diagnosis_.fit = FitOf(best);
+    if (!TellsDepth(diagnosis_.fit, data_, poses_, baseline_error_px_)) {
       diagnosis_.best = input_.as_read;
       Say(diagnosis_, InputVerdict::kTooFewMatches, InputFault::kNone, kViewsTooClose);
       return;
     }
+    const ConventionFit fit = LimitChance(best, diagnosis_.fit);
     const bool is_as_read = best == input_.as_read;
     const bool covered = input_.map_size_px || fit.coverage >= kLeastCoverage;
     const bool accepted =
@@ -261,13 +265,13 @@ class Examination {
     if (best.poses != poses_) {
       return NothingFits(InputFault::kPoses, DescribeOtherPoses(poses_, input_.as_read.poses));
     }
-    const auto search = input_.mesh == nullptr ? std::nullopt : std::optional(mesh_search_);
-    NothingFits(InputFault::kNone, fit.count < kFewestKeypoints
-                                       ? DescribeFewDepths(fit, statistics_.extremes, search)
-                                       : DescribeMisfit(input_, fit, baseline_error_px_, search));
+    NothingFits(InputFault::kNone,
+                fit.count < kFewestKeypoints
+                    ? DescribeFewDepths(fit, statistics_.extremes, mesh_search_)
+                    : DescribeMisfit(input_, fit, baseline_error_px_, mesh_search_));
   }
 
-  // Says whether the mesh itself is good as read.
+  // Returns whether the mesh itself is good as read.
   bool IsMeshInPlace() const {
     if (input_.mesh == nullptr || diagnosis_.best.poses != poses_) return false;
     const MeshFrameSearch search(*input_.mesh, input_, data_, diagnosis_.best, options_.threads);
@@ -343,13 +347,29 @@ class Examination {
         fmt::format("{}", fmt::join(reasons, "; ")));
   }
 
+  // Returns whether a place explains what the mesh as read meets as well as that does. Else the
+  // mesh is where it belongs, and models a part of the scene alone.
+  bool ExplainsTheSame(const ErrorsPx& as_read, const ErrorsPx& placed) const {
+    std::vector<double> before, now;
+    for (size_t i = 0; i < as_read.size(); ++i) {
+      if (!as_read[i] || !(*as_read[i] < ConventionResiduals::kLargestPx) || !placed[i]) continue;
+      before.push_back(*as_read[i]);
+      now.push_back(*placed[i]);
+    }
+    if (before.size() < kFewestKeypoints) return true;
+    const double noise_px = std::max(baseline_error_px_, 0.5);
+    return UpperMedianOr(std::move(now), 0) <=
+           std::max(UpperMedianOr(std::move(before), 0), noise_px);
+  }
+
   // Returns whether the diagnosis is that; where the mesh as read is good, only for far smaller
   // errors.
   bool FindMeshFrame(bool accepted) {
     DataConvention convention = input_.as_read;
     convention.poses = poses_;
     const ErrorsPx as_read = data_.Errors(convention, 0);
-    const ConventionFit as_read_fit = FitOf(convention);
+    ConventionFit as_read_fit = FitOf(convention);
+    LimitChance(convention, as_read_fit);
     // Rays that pass the mesh by count, too.
     const double as_read_px = UpperMedianOr(Known(as_read), ConventionResiduals::kLargestPx);
     constexpr double kExact = 2;  // about as exact as it can become
@@ -365,9 +385,10 @@ class Examination {
     const bool stands =
         accepted && as_read_px <= std::max(ExactPx(baseline_error_px_),
                                            kPassableOfChance * as_read_fit.median_chance_px);
-    const double largest_px = stands ? 0.6 * as_read_px : std::numeric_limits<double>::infinity();
     std::erase_if(found, [&](const PlacedMesh& placed) {
-      return !IsGoodPlace(placed.fit, baseline_error_px_) || placed.fit.median_px > largest_px ||
+      return !IsGoodPlace(placed.fit, baseline_error_px_) ||
+             placed.fit.median_px > 0.6 * as_read_px ||
+             !ExplainsTheSame(as_read, placed.errors_px) ||
              (stands && !search_.IsFarBetter(Compare(data_, as_read, placed.errors_px)));
     });
     if (found.empty()) return false;
@@ -382,6 +403,7 @@ class Examination {
       NothingFits(InputFault::kMeshFrame, DescribeManyPlaces(about_as_good));
       return true;
     }
+    if (best.placement.IsIdentity() && accepted) return false;
     diagnosis_.fit = best.fit;
     if (best.placement.IsIdentity()) {
       NothingFits(InputFault::kNone, kLimitsDrop);
@@ -404,7 +426,7 @@ class Examination {
   ConventionResiduals data_;
   StoredStatistics statistics_;
   ConventionSearch search_;
-  MeshSearch mesh_search_ = MeshSearch::kNotSearched;
+  std::optional<MeshSearch> mesh_search_;
   Diagnosis diagnosis_;
 };
 

@@ -274,7 +274,7 @@ PlacedMesh MeshFrameSearch::Judge(const MeshPlacement& placement) const {
   }
   PlacedMesh placed{
       placement, placement * as_placed_, MakeFit(std::move(errors_px), std::move(chance_px)), {}};
-  data_.LimitChance(convention_, placed.fit);
+  data_.LimitChance(convention_, depths, placed.fit);
   placed.errors_px.resize(depths.size());
   for (const Sample& sample : held_out_) {
     const auto& depth = depths[sample.keypoint];
@@ -297,7 +297,7 @@ PlacedMesh MeshFrameSearch::JudgeByKeys(const MeshPlacement& placement) const {
   return placed;
 }
 
-// Says whether most keypoints lie on the same places of the mesh.
+// Returns whether most keypoints lie on the same places of the mesh.
 bool MeshFrameSearch::IsSame(const MeshPlacement& a, const MeshPlacement& b) const {
   constexpr double kSamePlace = 0.1;  // of the depth
   const auto samples = std::span(fitting_).first(std::min<size_t>(300, fitting_.size()));

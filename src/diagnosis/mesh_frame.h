@@ -29,7 +29,6 @@ struct PlacedMesh {
 
 // The outcome of looking for placements.
 enum class MeshSearch {
-  kNotSearched,
   kTooFewMatches,  // to look by and to judge by
   kTooTangled,     // rays cross too many triangles
   kNoneFound,

@@ -306,12 +306,14 @@ HttpAnswer Service::Get(std::string_view path, bool is_ready, const ReadGauges& 
 
 HttpAnswer Service::ListScenes() const {
   nlohmann::ordered_json json;
+  SetMember(json, "scenes", nlohmann::ordered_json::array());
   const auto scenes = Scenes();
   for (const auto& [name, opened] : *scenes) {
     const Scene& scene = opened->scene.localizer->scene();
     nlohmann::ordered_json entry;
     SetMember(entry, "name", name);
     SetMember(entry, "references", scene.references.images.size());
+    SetMember(entry, "geometry", nlohmann::ordered_json::array());
     for (const SceneSource& source : scene.sources) {
       AppendTo(entry, "geometry", source.spec.substr(0, source.spec.find(':')));
     }

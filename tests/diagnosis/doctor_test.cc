@@ -597,6 +597,20 @@ TEST_F(MovedMesh, IsAsMeantInItsPlace) {
   EXPECT_EQ(ExamineMoved({}).verdict, InputVerdict::kAsMeant);
 }
 
+// Another place, where it would meet more of what is seen, explains what it meets here far worse.
+TEST_F(MovedMesh, APartOfTheSceneIsInItsPlace) {
+  for (const double most_x : {5.0, 6.0, 7.0}) {
+    TriangleMesh part = ReadMesh(DemoFolder() / "scene.obj");
+    std::erase_if(part.triangles, [&](const auto& triangle) {
+      return std::ranges::any_of(triangle,
+                                 [&](uint32_t i) { return part.VertexInWorld(i).x() > most_x; });
+    });
+    const Diagnosis diagnosis = ExamineMesh(scene_, std::move(part));
+    EXPECT_NE(diagnosis.verdict, InputVerdict::kRepair) << Describe(diagnosis);
+    EXPECT_NE(diagnosis.fault, InputFault::kMeshFrame) << Describe(diagnosis);
+  }
+}
+
 TEST_F(MovedMesh, IsFoundWhereItIsShifted) { ExpectFound({.shift = {5, 0, 0}}); }
 
 TEST_F(MovedMesh, IsFoundInAnotherUnit) {

@@ -89,8 +89,9 @@ double MedianDistance(const PoseProblem& problem) {
 }
 
 // What is wrong with the inliers of a pose, by the residuals' reference implementations; empty
-// where nothing is. Numbers of such sizes that rounding alone could make an inlier are passed over, as
-// are matches that repeat another one, which are what that one is.
+// where nothing is. Numbers of such sizes that rounding alone could make an inlier are passed over,
+// as are points of uncertain references, and matches that repeat another one, which are what that
+// one is.
 std::string FaultOfInliers(const HostileProblem& made, const PoseEstimate& estimate) {
   const PoseProblem& problem = made.problem;
   const Rigid3& pose = *estimate.cam_from_world;

@@ -91,7 +91,7 @@ class LocalizeAll {
 
   // Returns the warnings of the matches that were made so far, sorted.
   std::vector<std::string> MatchWarnings() const;
-  // Returns warnings on the reading of depth and poses, from some 30 queries; empty where it is not
+  // Returns warnings on the reading of geometry and poses, from some 30 queries; empty where it is not
   // checked.
   std::vector<std::string> InputWarnings();
   // Returns whether the geometry is to be judged by all results (RunWarnings()).

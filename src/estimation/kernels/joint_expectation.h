@@ -417,8 +417,10 @@ void JointExpectationKernel::UpdateUnanchored(JointUnanchored& slot,
   const Real determinant = covariance.Determinant(cofactors);
   const Real density = Exp(Constant(-0.5) * Dot(cofactors * predicted, predicted) / determinant) /
                        SquareRoot(Constant(kTwoPi * kTwoPi * kTwoPi) * determinant);
-  const Real right = Where((Constant(0) < determinant) & IsFinite(density),
-                           Constant(of_.unanchored_right) * density);
+  const Mask is_positive =
+      (Constant(0) < determinant) & (Constant(0) < covariance.xx) & (Constant(0) < cofactors.zz);
+  const Real right =
+      Where(is_positive & IsFinite(density), Constant(of_.unanchored_right) * density);
   // A wrong one is anywhere in the image, at any distance of the scene.
   const Real3 offset = point - wide_.Center(keypoints);
   const Real squared = Dot(offset, offset);

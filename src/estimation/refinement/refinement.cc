@@ -25,7 +25,7 @@ NoisePrior PriorOf(const std::optional<SceneNoise>& scene, double threshold2, do
   if (!scene) return prior;
   const auto variance = [](const KnownNoise& known, double unit = 1) {
     constexpr double kMost = 1e100;  // stays a number whatever it is multiplied with
-    return VariancePrior{std::min(std::pow(known.sigma / unit, 2), kMost), known.errors};
+    return VariancePrior{std::min(kMost, std::pow(known.sigma / unit, 2)), known.errors};
   };
   if (scene->keypoint_px.errors > 4) prior.keypoint_px2 = variance(scene->keypoint_px);
   prior.depth = variance(scene->depth);
