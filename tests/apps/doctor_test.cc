@@ -1,11 +1,15 @@
 // doctor, and its quick form in localize: the program around the library's diagnosis.
 
+#include <algorithm>
+
 #include "apps/program.h"
 #include "support/test_data.h"
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
 #include "raylift/base/file.h"
+#include "raylift/surfaces/mesh_files.h"
 
 namespace raylift {
 namespace {
@@ -156,6 +160,35 @@ TEST(Localize, WarnsWhereTheMeshBelongsElsewhere) {
       EXPECT_NE(result.err.find("leave out " + key), std::string::npos) << key << result.err;
     }
   }
+}
+
+// Writes the triangles of the demo's mesh whose x is at most this.
+void WritePartOfDemo(double most_x, const fs::path& file) {
+  TriangleMesh part = ReadMesh(DemoFolder() / "scene.obj");
+  std::string text;
+  for (uint32_t i = 0; i < part.vertices.size(); ++i) {
+    const Eigen::Vector3d v = part.VertexInWorld(i);
+    text += fmt::format("v {} {} {}\n", v.x(), v.y(), v.z());
+  }
+  for (const auto& t : part.triangles) {
+    const bool is_in =
+        std::ranges::all_of(t, [&](uint32_t i) { return part.VertexInWorld(i).x() <= most_x; });
+    if (is_in) text += fmt::format("f {} {} {}\n", t[0] + 1, t[1] + 1, t[2] + 1);
+  }
+  WriteFile(file, text);
+}
+
+// Another place, where it would meet more of what is seen, explains what it meets here far worse.
+TEST(Localize, AMeshOfAPartOfTheSceneIsInItsPlace) {
+  const fs::path demo = DemoFolder();
+  const fs::path folder = TestFolder();
+  WritePartOfDemo(5, folder / "part.obj");
+  const CommandResult result =
+      RunRaylift({"localize", "--model", demo / "model", "--images", demo / "images", "--geometry",
+                  "mesh:" + (folder / "part.obj").string(), "--queries", demo / "queries.txt",
+                  "--max-features", "1000", "--out", folder / "out", "--quiet"});
+  EXPECT_EQ(result.exit_code, 0);
+  EXPECT_EQ(result.err, "");
 }
 
 }  // namespace
