@@ -341,18 +341,23 @@ std::vector<std::string> WithSceneFile(const Program& program, std::vector<std::
   return arguments;
 }
 
-// Throws OptionError where an option that takes a value is followed by another option of the
-// command, which would be its value.
-void RequireValues(const CLI::App& app, const std::vector<std::string>& arguments) {
+// Returns the command that the first argument names; null where it names none.
+const CLI::App* NamedCommand(const CLI::App& app, const std::vector<std::string>& arguments) {
   const auto commands = app.get_subcommands([&](const CLI::App* command) {
     return !arguments.empty() && command->check_name(arguments.front());
   });
-  if (commands.empty()) return;
-  const CLI::App& command = *commands.front();
+  return commands.empty() ? nullptr : commands.front();
+}
+
+// Throws OptionError where an option that takes a value is followed by another option of the
+// command, which would be its value.
+void RequireValues(const CLI::App& app, const std::vector<std::string>& arguments) {
+  const CLI::App* const command = NamedCommand(app, arguments);
+  if (command == nullptr) return;
   for (size_t i = 1; i + 1 < arguments.size(); ++i) {
     if (!arguments[i].starts_with("--") || !arguments[i + 1].starts_with("--")) continue;
-    const CLI::Option* const option = command.get_option_no_throw(arguments[i]);
-    const CLI::Option* const next = command.get_option_no_throw(arguments[i + 1]);
+    const CLI::Option* const option = command->get_option_no_throw(arguments[i]);
+    const CLI::Option* const next = command->get_option_no_throw(arguments[i + 1]);
     if (option == nullptr || next == nullptr || option->get_items_expected_min() == 0) continue;
     throw OptionError(fmt::format("{0} needs a value, found {1} ({0}={1} would be one)",
                                   arguments[i], arguments[i + 1]));
@@ -373,13 +378,12 @@ Program Parsed(const Program& survey, const std::vector<std::string>& arguments)
 // one; kinds of geometry stand for that option.
 std::string Hint(const CLI::App& app, const std::vector<std::string>& arguments) {
   if (arguments.empty()) return {};
-  std::vector<std::string> commands;
-  const CLI::App* command = nullptr;
-  for (const CLI::App* known : app.get_subcommands([](const CLI::App*) { return true; })) {
-    commands.push_back(known->get_name());
-    if (known->get_name() == arguments.front()) command = known;
+  const CLI::App* const command = NamedCommand(app, arguments);
+  if (command == nullptr) {
+    std::vector<std::string> commands;
+    for (const CLI::App* known : app.get_subcommands({})) commands.push_back(known->get_name());
+    return DidYouMean(arguments.front(), commands);
   }
-  if (command == nullptr) return DidYouMean(arguments.front(), commands);
   std::vector<std::string> options;
   for (const CLI::Option* option : command->get_options()) options.push_back(option->get_name());
   for (const std::string& argument : arguments) {
@@ -476,11 +480,8 @@ void RunCommand(const std::vector<std::string>& all_arguments) {
   const Program survey = MakeSurvey();
   std::vector<std::string> arguments = all_arguments;
   // The options of a command that does not exist tell nothing.
-  const auto names_it = [&](const CLI::App* command) {
-    return command->check_name(arguments.front());
-  };
   const bool is_known = arguments.empty() || arguments.front().starts_with('-') ||
-                        !std::as_const(*survey.app).get_subcommands(names_it).empty();
+                        NamedCommand(*survey.app, arguments) != nullptr;
   if (!is_known) arguments.resize(1);
   try {
     Parsed(survey, arguments).Chosen().run();
