@@ -41,11 +41,17 @@ double MedianLearnedSigma(const PoseProblem& original, const NormalizedProblem& 
   return UpperMedianOr(std::move(sigmas), 0);
 }
 
-// A pose that may be right in place of the assessed one, against which it has these odds.
+// A pose that may be right in place of the assessed one.
 struct Alternative {
   CamFromLocal pose;
   InlierEvidence evidence;
-  double odds = 0;
+  double probability_of_assessed = 1;  // where one of the two is right
+
+  // Returns its odds against the assessed pose.
+  double Odds() const {
+    constexpr double kLeast = 1e-6;
+    return (1 - probability_of_assessed) / std::max(probability_of_assessed, kLeast);
+  }
 };
 
 // Returns the alternatives, the likeliest first; of those that are one answer, or at one place, the
@@ -53,7 +59,7 @@ struct Alternative {
 std::vector<Alternative> EachOnce(const InlierAssessor& assessor,
                                   std::vector<Alternative> alternatives) {
   std::stable_sort(alternatives.begin(), alternatives.end(),
-                   [](const Alternative& a, const Alternative& b) { return a.odds > b.odds; });
+                   [](const Alternative& a, const Alternative& b) { return a.Odds() > b.Odds(); });
   std::vector<Alternative> kept;
   for (Alternative& alternative : alternatives) {
     const bool is_other = std::all_of(kept.begin(), kept.end(), [&](const Alternative& other) {
@@ -102,9 +108,8 @@ class Assessment {
     return is_one_place || is_contradicted ? std::min(confidence, 0.5) : confidence;
   }
 
-  // Returns the poses that may be right in place of this one, and in `least` the probability that
-  // the pose is right over the likeliest of them.
-  std::vector<Alternative> FindAlternatives(double& least) const {
+  // Returns the poses that may be right in place of this one, the likeliest first.
+  std::vector<Alternative> FindAlternatives() const {
     std::vector<CamFromLocal> poses = assessed_.alternatives;
     if (options_.refinement == Refinement::kRobust && evidence_.LeavesRoomForAnAlternative()) {
       const auto found =
@@ -112,7 +117,6 @@ class Assessment {
       if (found) poses.push_back(normalized_.ToLocal(*found));
     }
     std::vector<Alternative> alternatives;
-    least = 1;
     for (const CamFromLocal& pose : poses) {
       const InlierEvidence other = assessor_.Assess(pose);
       const std::optional<ExclusiveInliers> exclusive = assessor_.Compare(evidence_, other);
@@ -121,9 +125,7 @@ class Assessment {
       const double probability =
           ProbabilityOverAlternative(*exclusive, std::max(evidence_.clustering, other.clustering),
                                      assessor_.IsBeyondChance(other, *exclusive), log_odds);
-      constexpr double kLeast = 1e-6;
-      least = std::min(least, probability);
-      alternatives.push_back({pose, other, (1 - probability) / std::max(probability, kLeast)});
+      alternatives.push_back({pose, other, probability});
     }
     return EachOnce(assessor_, std::move(alternatives));
   }
@@ -168,20 +170,21 @@ void AssessConfidence(const PoseProblem& problem, const NormalizedProblem& norma
   estimate.inlier_keypoints = assessment.evidence().inlier_keypoints;
   const double of_inliers = assessment.OfInliers();
   const double of_position = assessment.OfPosition(estimate.noise);
-  double least = 1;
-  const std::vector<Alternative> alternatives = assessment.FindAlternatives(least);
+  const std::vector<Alternative> alternatives = assessment.FindAlternatives();
+  const double over_likeliest =
+      alternatives.empty() ? 1 : alternatives.front().probability_of_assessed;
   // The probability of the pose and its alternatives, over the pose's.
   double all = 1;
-  for (const Alternative& alternative : alternatives) all += alternative.odds;
+  for (const Alternative& alternative : alternatives) all += alternative.Odds();
   // Several weak alternatives leave a pose.
-  const double over_alternatives = std::max(1 / all, std::min(least, kLeastConfidence));
+  const double over_alternatives = std::max(1 / all, std::min(over_likeliest, kLeastConfidence));
   Conclude(of_inliers, of_position, estimate);
   // Pose k is right with the probability odds_k / all, times the confidence that all else leaves.
   estimate.alternatives.clear();
   if (over_alternatives < kLocalizedConfidence) {
     for (const Alternative& alternative : alternatives) {
       estimate.alternatives.push_back(
-          {normalized.ToWorld(alternative.pose), estimate.confidence * alternative.odds / all});
+          {normalized.ToWorld(alternative.pose), estimate.confidence * alternative.Odds() / all});
     }
   }
   Conclude(std::min(of_inliers, over_alternatives), of_position, estimate);
