@@ -17,14 +17,12 @@ using Eigen::Vector3d;
 constexpr double kQueryWrong = 0.1;
 
 // Returns the variance of errors: their squares over how many of them are not explained by the
-// unknowns that were fitted to them (MacKay 1992), with the prior; `now` where they are too few, or
-// no numbers.
+// unknowns that were fitted to them (MacKay 1992), with the prior; `now` where they are too few.
 double Variance(const kernels::JointSum& sum, const VariancePrior& prior, double now, double least,
                 double largest) {
   const double total = std::max(sum.count, 0.0) + prior.count;
   if (!(total > 1)) return now;
-  const double variance = (sum.squares + prior.count * prior.variance) / total;
-  return std::isnan(variance) ? now : std::clamp(variance, least, largest);
+  return std::clamp((sum.squares + prior.count * prior.variance) / total, least, largest);
 }
 
 // Returns the share of what is right, as if `prior` of each kind had been seen before.
