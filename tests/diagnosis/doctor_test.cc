@@ -606,8 +606,8 @@ TEST_F(MovedMesh, APartOfTheSceneIsInItsPlace) {
                                  [&](uint32_t i) { return part.VertexInWorld(i).x() > most_x; });
     });
     const Diagnosis diagnosis = ExamineMesh(scene_, std::move(part));
-    EXPECT_NE(diagnosis.verdict, InputVerdict::kRepair) << Describe(diagnosis);
-    EXPECT_NE(diagnosis.fault, InputFault::kMeshFrame) << Describe(diagnosis);
+    EXPECT_EQ(diagnosis.verdict, InputVerdict::kAsMeant) << Describe(diagnosis);
+    EXPECT_EQ(diagnosis.fault, InputFault::kNone) << Describe(diagnosis);
   }
 }
 

@@ -178,6 +178,19 @@ def test_features_stand_for_the_image(server: Server) -> None:
         assert found[part] == pytest.approx(expected[part], abs=1e-4)
 
 
+def test_a_scene_without_geometry_has_an_empty_list_of_it(run: Path, tmp_path: Path) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text(f'''
+        format = "raylift-scene/1"
+        name = "yard"
+        references = "{DEMO}/model"
+        images = "{DEMO}/images"
+        ''')
+    with Server("--cache", run / "cache", "--method", "e5p1", scenes=(scene,)) as server:
+        (told,) = json.loads(server.ask("/v1/scenes")[2])["scenes"]
+        assert told["name"] == "yard" and told["geometry"] == []
+
+
 def test_features_that_the_scene_has_lost_are_no_fault_of_the_client(tmp_path: Path) -> None:
     name = sorted(QUERIES)[0]
     with Server("--cache", tmp_path, *FAST) as server:
