@@ -149,6 +149,14 @@ double MedianStep(std::span<const TimedPose> poses) {
   return UpperMedianOr(std::move(steps), 0);
 }
 
+// Returns the index of the time that is nearest to another one, the earlier one of two.
+size_t NearestTime(std::span<const double> times_s, double time_s) {
+  const auto next = std::lower_bound(times_s.begin(), times_s.end(), time_s);
+  const bool is_before = next == times_s.end() ||
+                         (next != times_s.begin() && time_s - *std::prev(next) <= *next - time_s);
+  return static_cast<size_t>(next - times_s.begin()) - (is_before ? 1 : 0);
+}
+
 // Returns the poses with times in seconds: some programs write nanoseconds in TUM's lines.
 std::vector<TimedPose> InSeconds(std::vector<TimedPose> poses) {
   const double seconds = SecondsPerTick(poses.back().time_s);
@@ -156,23 +164,27 @@ std::vector<TimedPose> InSeconds(std::vector<TimedPose> poses) {
   return poses;
 }
 
-// Adds the frames that have a pose near their time.
+// Adds the frames that have a pose near their time. A pose is that of the photograph which is the
+// nearest to it: where poses are missing, the next photograph's is none.
 void AddByTime(const path& file, std::span<const TimedPose> poses, const TimesByName& times,
                std::span<const std::string> names, Walk& walk) {
+  std::vector<double> of_poses, of_photographs;
+  for (const TimedPose& pose : poses) of_poses.push_back(pose.time_s);
+  for (const std::string& name : names) {
+    const auto time = times.find(name);
+    if (time != times.end()) of_photographs.push_back(time->second);
+  }
+  std::sort(of_photographs.begin(), of_photographs.end());
   const double within_s = 0.5 * MedianStep(poses);
   for (size_t i = 0; i < names.size(); ++i) {
     const auto time = times.find(names[i]);
     if (time == times.end()) continue;
     const double time_s = time->second;
-    auto nearest =
-        std::lower_bound(poses.begin(), poses.end(), time_s,
-                         [](const TimedPose& pose, double t) { return pose.time_s < t; });
-    if (nearest == poses.end() || (nearest != poses.begin() && time_s - std::prev(nearest)->time_s <
-                                                                   nearest->time_s - time_s)) {
-      --nearest;
-    }
-    if (std::abs(nearest->time_s - time_s) > within_s) continue;
-    walk.frames.push_back({i, time_s, nearest->cam_from_world});
+    const TimedPose& nearest = poses[NearestTime(of_poses, time_s)];
+    const bool is_of_another =
+        of_photographs[NearestTime(of_photographs, nearest.time_s)] != time_s;
+    if (std::abs(nearest.time_s - time_s) > within_s || is_of_another) continue;
+    walk.frames.push_back({i, time_s, nearest.cam_from_world});
   }
   if (walk.frames.empty() && !times.empty()) {
     throw InputError(

@@ -7,6 +7,7 @@
 #include "support/matchers.h"
 #include "support/test_data.h"
 #include <Eigen/Geometry>
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -54,6 +55,19 @@ TEST_F(ReadWalkTest, TakesTheNearestPoseWithinHalfAStep) {
   EXPECT_EQ(walk.frames[2].time_s, 1.24);
   EXPECT_EQ(walk.frames[1].cam_from_odometry.OriginInSource(), Eigen::Vector3d(1, 0, 0));
   EXPECT_TRUE(walk.warnings.empty());
+}
+
+// Every second pose is missing, so that the median step of those that are there is two frames long.
+TEST_F(ReadWalkTest, APoseIsNotThatOfTheNextPhotograph) {
+  std::string odometry, times;
+  std::vector<std::string> names;
+  for (int i = 0; i < 8; ++i) {
+    names.push_back(fmt::format("{}.jpg", i));
+    times += fmt::format("{}.jpg {}\n", i, i);
+    if (i % 2 == 0) odometry += fmt::format("{} {} 0 0 0 0 0 1\n", i, i);
+  }
+  const Walk walk = ReadWalk(Written("o.txt", odometry), Written("t.txt", times), names);
+  EXPECT_THAT(QueriesOf(walk), testing::ElementsAre(0, 2, 4, 6));
 }
 
 TEST_F(ReadWalkTest, FramesWithoutAPoseAreLeftOutWithAWarning) {

@@ -31,7 +31,7 @@ struct Walk {
 //
 //   a TUM trajectory, lines `time tx ty tz qx qy qz qw` (camera to odometry's world, x right, y
 //     down, z forward), whose times must grow. A photograph takes the pose that is nearest to its
-//     time, within half of the median step between poses.
+//     time, within half of the median step between poses, unless it is nearer to another's.
 //   EuRoC's CSV, `time [ns], px, py, pz, qw, qx, qy, qz, ...` (body to world): by time, too.
 //   KITTI's poses, lines of the upper three rows of a matrix (camera to world): the photographs'
 //     names are the numbers of lines from 0, or there is a line for each in the order of names.
