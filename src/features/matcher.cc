@@ -1,11 +1,15 @@
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <limits>
 #include <map>
+#include <numbers>
+#include <optional>
 #include <span>
 
 #include "features/dot_products.h"
+#include <Eigen/LU>
 #include <fmt/format.h>
 
 #include "raylift/base/error.h"
@@ -83,7 +87,42 @@ void CheckDescriptors(const Features& query, const Features& reference) {
   }
 }
 
+// Half an axis of a region, in standard deviations.
+constexpr double kSigmasOfRegion = 3;
+// The probability of a match that chance makes in a region.
+constexpr double kChance = 0.05;
+
+// Returns the query's features in the region.
+std::vector<size_t> InRegion(const SearchRegion& region, const Features& query) {
+  const Eigen::Matrix2d information = region.covariance_px2.inverse();
+  std::vector<size_t> inside;
+  for (size_t j = 0; j < query.keypoints_px.size(); ++j) {
+    const Eigen::Vector2d off = query.keypoints_px[j] - region.center_px;
+    if (off.dot(information * off) < kSigmasOfRegion * kSigmasOfRegion) inside.push_back(j);
+  }
+  return inside;
+}
+
+// Returns the nearest of the features in a region, which chance would not have there.
+std::optional<size_t> NearestWithin(std::span<const size_t> inside, std::span<const int32_t> dots) {
+  const double share = static_cast<double>(inside.size()) / static_cast<double>(dots.size());
+  if (inside.empty() || share >= kChance) return std::nullopt;
+  const size_t best = *std::ranges::max_element(inside, {}, [&](size_t j) { return dots[j]; });
+  const auto nearer = std::ranges::count_if(dots, [&](int32_t dot) { return dot > dots[best]; });
+  const double chance = 1 - std::pow(1 - share, static_cast<double>(nearer + 1));
+  return chance < kChance ? std::optional(best) : std::nullopt;
+}
+
+float ScoreOf(int32_t dot) {
+  return static_cast<float>(0.5 * (1 + dot / static_cast<double>(kQuantizedOneSquared)));
+}
+
 }  // namespace
+
+double SearchRegion::AreaPx2() const {
+  return std::numbers::pi * kSigmasOfRegion * kSigmasOfRegion *
+         std::sqrt(std::max(0.0, covariance_px2.determinant()));
+}
 
 std::vector<FeatureMatch> MatchMutualNearest(const Features& query, const Features& reference,
                                              const MatchOptions& options) {
@@ -116,10 +155,49 @@ std::vector<FeatureMatch> MatchMutualNearest(const Features& query, const Featur
   for (int i = 0; i < static_cast<int>(candidates.size()); ++i) {
     const Candidate& candidate = candidates[i];
     if (candidate.passes_ratio_test && column_best_row[candidate.reference_index] == i) {
-      const double cosine = candidate.dot / static_cast<double>(kQuantizedOneSquared);
-      matches.push_back({i, candidate.reference_index, static_cast<float>(0.5 * (1 + cosine))});
+      matches.push_back({i, candidate.reference_index, ScoreOf(candidate.dot)});
     }
   }
+  return OnePerPixelPair(matches, query, reference);
+}
+
+std::vector<FeatureMatch> MatchWithin(std::span<const std::optional<SearchRegion>> regions,
+                                      const Features& query, const Features& reference,
+                                      const MatchOptions& options) {
+  RAYLIFT_CHECK_EQ(regions.size(), reference.keypoints_px.size());
+  std::map<int, FeatureMatch> of_query;
+  const auto add = [&](const FeatureMatch& match) {
+    const auto [place, is_new] = of_query.try_emplace(match.query_index, match);
+    if (!is_new && match.score > place->second.score) place->second = match;
+  };
+  std::vector<FeatureMatch> anywhere = MatchMutualNearest(query, reference, options);
+  if (query.descriptors.size() == 0 || reference.descriptors.size() == 0) return anywhere;
+  std::vector<std::optional<size_t>> matched(regions.size());  // with what is the nearest of all
+  for (const FeatureMatch& match : anywhere) {
+    matched[static_cast<size_t>(match.reference_index)] = static_cast<size_t>(match.query_index);
+  }
+  const QuantizedDescriptors rows = QuantizeDirections(reference.descriptors);
+  const DotColumns columns(QuantizeDirections(query.descriptors));
+  const size_t num_columns = query.keypoints_px.size();
+  std::vector<int32_t> dots(kRowsOfBlock * columns.stride());
+  for (Eigen::Index first = 0; first < rows.count; first += kRowsOfBlock) {
+    const Eigen::Index num_rows = std::min(kRowsOfBlock, rows.count - first);
+    columns.ComputeDots(rows, first, num_rows, dots);
+    for (Eigen::Index i = 0; i < num_rows; ++i) {
+      const auto index = static_cast<size_t>(first + i);
+      if (!regions[index]) continue;
+      const std::span<const int32_t> row(dots.data() + i * columns.stride(), num_columns);
+      const std::vector<size_t> inside = InRegion(*regions[index], query);
+      std::optional<size_t> found = NearestWithin(inside, row);
+      if (matched[index] && std::ranges::binary_search(inside, *matched[index])) {
+        found = matched[index];
+      }
+      if (!found) continue;
+      add({static_cast<int>(*found), static_cast<int>(index), ScoreOf(row[*found])});
+    }
+  }
+  std::vector<FeatureMatch> matches;
+  for (const auto& [query_index, match] : of_query) matches.push_back(match);
   return OnePerPixelPair(matches, query, reference);
 }
 

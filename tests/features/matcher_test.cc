@@ -189,6 +189,55 @@ TEST(MatchMutualNearest, DescriptorsWithoutADirectionDoNoHarm) {
   }
 }
 
+TEST(MatchWithin, FindsInARegionWhatIsNotTheNearestOfAll) {
+  Rng rng = TestRng();
+  const Features reference = RandomFeatures(rng, 200, 32);
+  Features query = reference;
+  // Each of the query's features is at its place; a nearer one of each tenth lies elsewhere.
+  for (size_t i = 0; i < 200; i += 10) {
+    query.keypoints_px.push_back(reference.keypoints_px[i] + Eigen::Vector2d(5000, 0));
+  }
+  query.descriptors.conservativeResize(Eigen::NoChange, 220);
+  for (Eigen::Index i = 0; i < 200; ++i) {
+    if (i % 10 == 0) query.descriptors.col(200 + i / 10) = query.descriptors.col(i);
+    for (Eigen::Index k = 0; k < 32; ++k) {
+      query.descriptors(k, i) += static_cast<float>(0.05 * rng.Normal());
+    }
+  }
+  std::vector<std::optional<SearchRegion>> regions;
+  for (const Eigen::Vector2d& pixel : reference.keypoints_px) {
+    regions.push_back(SearchRegion{pixel + Eigen::Vector2d(1, 1), 4 * Eigen::Matrix2d::Identity()});
+  }
+  regions[7].reset();
+  size_t elsewhere = 0;
+  for (const FeatureMatch& match : MatchMutualNearest(query, reference)) {
+    elsewhere += match.query_index >= 200 ? 1 : 0;
+  }
+  EXPECT_EQ(elsewhere, 20U);
+  const auto matches = MatchWithin(regions, query, reference);
+  EXPECT_EQ(matches.size(), 199U);
+  for (const FeatureMatch& match : matches) {
+    EXPECT_EQ(match.query_index, match.reference_index);
+    EXPECT_NE(match.reference_index, 7);
+  }
+}
+
+// With descriptors that say nothing, one in twenty of the reference's has a match by chance.
+TEST(MatchWithin, ChanceMakesFewMatches) {
+  Rng rng = TestRng();
+  const Features query = RandomFeatures(rng, 1000, 32), reference = RandomFeatures(rng, 1000, 32);
+  std::vector<std::optional<SearchRegion>> regions;
+  for (const Eigen::Vector2d& pixel : reference.keypoints_px) {
+    regions.push_back(SearchRegion{pixel, 400 * Eigen::Matrix2d::Identity()});
+  }
+  EXPECT_LT(MatchWithin(regions, query, reference).size(), 70U);
+}
+
+TEST(SearchRegion, IsAnEllipseOfThreeDeviations) {
+  const SearchRegion region{{0, 0}, Eigen::Vector2d(4, 25).asDiagonal()};
+  EXPECT_NEAR(region.AreaPx2(), std::numbers::pi * 6 * 15, 1e-9);
+}
+
 TEST(MatchMutualNearest, RejectsDescriptorsOfDifferentSizes) {
   Rng rng = TestRng();
   const Features query = RandomFeatures(rng, 3, 128);

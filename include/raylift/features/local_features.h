@@ -2,7 +2,11 @@
 
 #pragma once
 
+#include <optional>
+#include <span>
 #include <vector>
+
+#include <Eigen/Core>
 
 #include "raylift/scene/features.h"
 #include "raylift/scene/image.h"
@@ -48,5 +52,22 @@ struct MatchOptions {
 // descriptors rounded to 16 bits. Runs on the calling thread alone; run pairs in parallel.
 std::vector<FeatureMatch> MatchMutualNearest(const Features& query, const Features& reference,
                                              const MatchOptions& options = {});
+
+// Where in a query a keypoint of a reference is looked for: within three standard deviations.
+struct SearchRegion {
+  Eigen::Vector2d center_px;
+  Eigen::Matrix2d covariance_px2;
+
+  double AreaPx2() const;
+};
+
+// Matches features where it is known where in the query each of the reference's is to be expected:
+// of the matches above those that lie there, and besides each feature's nearest one in its region,
+// where so few of all N of the query's features are nearer that chance would not have it: with n of
+// them in the region and r nearer ones elsewhere, 1 - (1 - n / N)^(r + 1) < .05. A feature of the
+// query has one such match at most; those of the reference without a region have none.
+std::vector<FeatureMatch> MatchWithin(std::span<const std::optional<SearchRegion>> regions,
+                                      const Features& query, const Features& reference,
+                                      const MatchOptions& options = {});
 
 }  // namespace raylift
