@@ -1,7 +1,9 @@
 // raylift localize: estimates the poses of query photographs in a scene. raylift prepare: makes
 // beforehand what localize makes before its first query.
 
+#include <algorithm>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -65,7 +67,7 @@ std::string LocalizeHeader(const LocalizeFlags& flags, const std::string& option
                     "features", "matches", "pairs", "cache", "prior-poses", "global-features",
                     "query-global-features", "write-model",
                     // Walks are smoothed after all.
-                    "odometry", "cam-from-body", "odometry-scale", "online", "times",
+                    "odometry", "cam-from-body", "odometry-scale", "online", "no-rematch", "times",
                     // It is for the page alone.
                     "ground-truth"},
                    inputs);
@@ -86,17 +88,31 @@ std::vector<Walk> OpenWalks(const LocalizeFlags& flags, std::span<const Query> q
   return ReadWalks(flags.walk.odometry, flags.times, NamesOf(queries), flags.walk.cam_from_body);
 }
 
-// Smooths the records of all queries, which then tell their poses in the walks.
+// Returns whether photographs are localized again where their walk predicts them.
+bool Rematches(const LocalizeFlags& flags) {
+  return flags.walk.enabled() && !flags.walk.no_rematch && !flags.walk.online &&
+         !flags.estimator.refine_focal;
+}
+
+// Smooths the records of all queries, which then tell their poses in the walks. `open_localizer`
+// is called where photographs are to be localized again.
 WalkedQueries SmoothRecords(const LocalizeFlags& flags, std::span<const Walk> walks,
                             const Scene& scene, std::span<const Query> queries,
+                            const std::function<const LocalizeAll&()>& open_localizer,
                             std::vector<QueryRecord>& records) {
+  SmoothingOptions options{.scale = flags.walk.scale,
+                           .min_confidence = flags.min_confidence,
+                           .online = flags.walk.online,
+                           .threads = flags.run.threads};
+  if (Rematches(flags)) {
+    options.open_localizer = [&]() -> LocalizeAgain {
+      return std::bind_front(&LocalizeAll::LocalizeAgain, &open_localizer());
+    };
+  }
   std::vector<LocalizedQuery> alone;
   for (QueryRecord& record : records) alone.push_back(std::move(record.localized));
   WalkedQueries walked =
-      SmoothQueries(alone, queries, walks, SceneDistances(scene, flags.run.threads),
-                    {.scale = flags.walk.scale,
-                     .min_confidence = flags.min_confidence,
-                     .online = flags.walk.online});
+      SmoothQueries(alone, queries, walks, SceneDistances(scene, flags.run.threads), options);
   for (size_t i = 0; i < records.size(); ++i) {
     records[i].localized = walked.queries[i].localized;
     records[i].diagnostics = FormatQueryDiagnostics(walked.queries[i]);
@@ -109,6 +125,11 @@ void PrintWalk(const WalkedQueries& walked) {
   fmt::print("walk: {} poses smoothed, {} rescued, {} replaced, {} dropped",
              walked.Count(WalkRole::kSmoothed), walked.Count(WalkRole::kRescued),
              walked.Count(WalkRole::kReplaced), walked.Count(WalkRole::kDropped));
+  if (const size_t disputed = walked.Count(WalkRole::kDisputed); disputed > 0) {
+    fmt::print(", {} disputed", disputed);
+  }
+  const auto rematched = std::ranges::count_if(walked.queries, &WalkedQuery::rematched);
+  if (rematched > 0) fmt::print("; {} found again where the walk predicts them", rematched);
   for (const auto& [folder, queries, odometry] : walked.walks) {
     if (!odometry) continue;
     fmt::print("; {}odometry's scale {:.4g}, noise of a step {:.2g} and {:.2g} degrees",
@@ -147,21 +168,21 @@ class LocalizeRun {
                  flags_.running.In(flags_.out));
     const std::vector<size_t> missing = job.Missing();
     if (!missing.empty() || !job.facts()) {
-      std::unique_ptr<LocalizeAll> localizer;
       RunFacts facts;
       UntilSignal([&] {
         if (job.facts()) TakeCalibration(*job.facts());
-        localizer = OpenLocalizer(flags_, scene_, queries_, options_);
+        localizer_ = OpenLocalizer(flags_, scene_, queries_, options_);
         times_.matching = clock_.Lap();
-        facts = FactsOf(*localizer, job.facts());
+        facts = FactsOf(*localizer_, job.facts());
         times_.learning = clock_.Lap();
       });
       job.Begin(facts);
       WriteFile(flags_.out / "options.json", options_of_results_);
-      Localize(*localizer, missing, job);
+      Localize(*localizer_, missing, job);
       times_.queries = clock_.Lap();
       times_.writing = output_->ShowSeconds();
-      scene_ = localizer->scene();
+      scene_ = localizer_->scene();
+      if (!Rematches(flags_)) localizer_.reset();
     }
     Finish(job, missing.size());
   }
@@ -267,7 +288,18 @@ class LocalizeRun {
   std::optional<WalkedQueries> Smooth(const RunFacts& facts, std::vector<QueryRecord>& records) {
     if (walks_.empty()) return std::nullopt;
     TakeCalibration(facts);
-    return SmoothRecords(flags_, walks_, scene_, queries_, records);
+    const auto open_localizer = [&]() -> const LocalizeAll& {
+      if (localizer_ == nullptr) {
+        localizer_ = OpenLocalizer(flags_, scene_, queries_, options_);
+        localizer_->Calibrate();
+      }
+      return *localizer_;
+    };
+    std::optional<WalkedQueries> walked;
+    UntilSignal(
+        [&] { walked = SmoothRecords(flags_, walks_, scene_, queries_, open_localizer, records); },
+        [] { return "stopped by a signal; --resume goes on"; });
+    return walked;
   }
 
   const LocalizeFlags& flags_;
@@ -277,6 +309,7 @@ class LocalizeRun {
   std::vector<Query> queries_;
   std::vector<Walk> walks_;
   Scene scene_;
+  std::unique_ptr<LocalizeAll> localizer_;  // null where a former run has localized all queries
   std::vector<std::string> warnings_;
   std::unique_ptr<LocalizeOutput> output_;
   LapClock clock_;

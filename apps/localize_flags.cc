@@ -127,6 +127,7 @@ void CheckWalk(const LocalizeFlags& flags) {
   needs("--times", "--continuous or --odometry", !flags.times.empty(),
         walks || flags.continuous.enabled);
   needs("--online", "--odometry", flags.walk.online, walks);
+  needs("--no-rematch", "--odometry", flags.walk.no_rematch, walks);
   needs("--cam-from-body", "--odometry",
         FormatPose(flags.walk.cam_from_body) != FormatPose(Rigid3()), walks);
   needs("--odometry-scale", "--odometry", flags.walk.scale != OdometryScale::kKnown, walks);
@@ -302,6 +303,9 @@ void AddLocalizeOptions(CLI::App& command, LocalizeFlags& flags, const char* out
   walk.Add("--odometry-scale", flags.walk.scale, "{}: whether its unit is the scene's");
   walk.Flag("--online", flags.walk.online,
             "Each query's pose by those before it alone, as while the walk is taken");
+  walk.Flag("--no-rematch", flags.walk.no_rematch,
+            "Queries that are not sure by themselves are not localized again where the\n"
+            "rest of the walk predicts them");
   walk.Add("--times", flags.times,
            "When photographs were taken: lines `name seconds`. With --odometry of the\n"
            "queries (default: the odometry's, or their names, if these are times; in a list,\n"

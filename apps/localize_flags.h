@@ -45,6 +45,7 @@ struct WalkFlags {
   OdometryScale scale = OdometryScale::kKnown;
   Rigid3 cam_from_body;  // body: what the odometry's poses are of
   bool online = false;
+  bool no_rematch = false;
 
   bool enabled() const { return !odometry.empty(); }
 };

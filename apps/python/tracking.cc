@@ -101,9 +101,9 @@ void BindTracking(py::module_& module) {
           [](const PythonTrackedPose& pose) {
             return std::string(ToString(pose.tracked.query.role));
           },
-          "\"alone\", \"smoothed\", \"replaced\", \"rescued\" or \"dropped\": what the walk did "
-          "with\n"
-          "the photograph's own pose.")
+          "\"alone\", \"smoothed\", \"replaced\", \"rescued\", \"disputed\" or \"dropped\": what "
+          "the\n"
+          "walk did with the photograph's own pose.")
       .def_property_readonly(
           "single_cam_from_world",
           [](const PythonTrackedPose& pose) { return pose.tracked.query.single_cam_from_world; },

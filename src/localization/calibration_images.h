@@ -31,6 +31,10 @@ class CachedMatches final : public MatchSource {
   QueryMatches Match(const Query& query) const override;
   QueryMatches MatchPhotograph(const Query& query, const Image& photograph) const override;
   QueryMatches MatchFeatures(const Query& query, const Features& features) const override;
+  QueryMatches MatchWithin(const SearchRegions& regions, const Query& query,
+                           std::span<const PosedImage> references) const override {
+    return source_->MatchWithin(regions, query, references);
+  }
   bool MatchesReferences() const override { return source_->MatchesReferences(); }
   QueryMatches MatchReference(const Query& reference) const override;
   std::vector<std::string> Warnings() const override { return source_->Warnings(); }

@@ -9,6 +9,7 @@
 #include "localization/calibration_images.h"
 #include "localization/checks/run_checks.h"
 #include "localization/continuous/continuous_localizer.h"
+#include "localization/localize_near.h"
 #include "localization/rerender.h"
 
 #include "raylift/base/error.h"
@@ -217,13 +218,32 @@ void LocalizeAll::RunContinuously(ContinuousRun run) {
   LocalizeContinuously(queries_, scene(), matches_, options_.localizer, run);
 }
 
+LocalizedQuery LocalizeAll::LocalizeAgain(const Query& query, std::span<const size_t> references,
+                                          const Rigid3& cam_from_world,
+                                          const Eigen::Matrix<double, 6, 6>& covariance) const {
+  std::vector<PosedImage> images;
+  for (const size_t i : references) {
+    // With --leave-one-out a query is a reference, too.
+    if (scene().references.images[i].name != query.name) {
+      images.push_back(scene().references.images[i]);
+    }
+  }
+  QueryResult result =
+      LocalizeNear({cam_from_world, covariance}, configurations_.front(), *cached_, query, images);
+  Rerender(query, result);
+  return std::move(result.localized);
+}
+
+void LocalizeAll::Rerender(const Query& query, QueryResult& result) const {
+  if (options_.rerenderer == nullptr) return;
+  const Localizer& localizer = configurations_.front();
+  options_.rerenderer->Improve(query, localizer.estimator(), result,
+                               localizer.options().min_confidence);
+}
+
 // Runs the stages after the pose.
 void LocalizeAll::Complete(size_t query, QueryResult& result) {
-  if (options_.rerenderer != nullptr) {
-    const Localizer& localizer = configurations_.front();
-    options_.rerenderer->Improve(queries_[query], localizer.estimator(), result,
-                                 localizer.options().min_confidence);
-  }
+  Rerender(queries_[query], result);
   if (options_.check_input) log_focal_factors_[query] = focal_check_->LogFactor(query, result);
 }
 

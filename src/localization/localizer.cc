@@ -180,6 +180,7 @@ QueryResult Localizer::Begin(const Query& query, const MakeMatches& make_matches
   QueryMatches matches = make_matches();
   problem.references = std::move(matches.references);
   problem.matches_2d2d = std::move(matches.matches);
+  problem.search_area_px2 = matches.search_area_px2;
   if (scene_->covisibility != nullptr) {
     problem.reference_clusters = scene_->covisibility->Clusters(problem.references);
   }

@@ -104,7 +104,10 @@ void ForgetInliers(Json& query) {
 
 void TakePictures(const WalkedQuery& walked, const Query& query, const RayCaster* mesh,
                   Json& json) {
-  if (walked.role == WalkRole::kAlone || walked.role == WalkRole::kSmoothed) return;
+  if (walked.role == WalkRole::kAlone || walked.role == WalkRole::kSmoothed ||
+      walked.role == WalkRole::kDisputed) {
+    return;
+  }
   ForgetInliers(json);
   for (const char* key : {"solver", "rendering", "edges", "references"}) json.erase(key);
   if (mesh == nullptr || !walked.localized.localized()) return;

@@ -214,7 +214,7 @@ class AnchorSearch {
 
   void AddFrame(size_t frame) {
     const std::vector<SinglePose>& singles = frames_[frame].singles;
-    const std::vector<double> confidences = UsedConfidences(frames_[frame]);
+    const std::vector<double> confidences = UsedConfidences(frames_[frame].singles);
     const auto tells = [&](const SinglePose& single) {
       return VarianceOf(single) <= most_variance_;
     };
@@ -283,10 +283,10 @@ Rigid3 OdometryStep(const Rigid3& later, const Rigid3& earlier, double scale) {
   return step;
 }
 
-std::vector<double> UsedConfidences(const WalkEvidence& frame) {
+std::vector<double> UsedConfidences(std::span<const SinglePose> singles) {
   constexpr double kMost = 1 - 0.1 * kLost;
   std::vector<double> confidences;
-  for (const SinglePose& single : frame.singles) {
+  for (const SinglePose& single : singles) {
     confidences.push_back(std::clamp(single.confidence, 0.02, kMost));
   }
   double all = std::accumulate(confidences.begin(), confidences.end(), 0.0);

@@ -47,7 +47,7 @@ Rigid3 OdometryStep(const Rigid3& later, const Rigid3& earlier, double scale);
 // Returns the confidences that a frame's own poses count with: neither surely wrong nor together as
 // sure as that the odometry holds. Where the first has alternatives, one more that was not found is
 // as likely as these are on average.
-std::vector<double> UsedConfidences(const WalkEvidence& frame);
+std::vector<double> UsedConfidences(std::span<const SinglePose> singles);
 
 // Returns the logarithm of the density of wrong poses, as Mixture has it, in a scene of this size.
 double LogDensityAnywhere(double extent);

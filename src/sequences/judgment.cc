@@ -147,10 +147,12 @@ double ProbabilityOfAgreeing(const Witnesses& agreeing, const Witnesses& differi
   return some_agreeing / (some_agreeing + against);
 }
 
+// The weight of the prior shares, in steps.
+constexpr double kPriorSteps = 30;
+
 // Returns the share of steps in which the odometry is lost: the walk's or, where it was seldom or
 // never lost in the walk, a mean of this and the prior share.
 double ShareLost(const std::vector<SmoothedFrame>& smoothed) {
-  constexpr double kPriorSteps = 30;
   const auto lost = static_cast<double>(
       std::count_if(smoothed.begin(), smoothed.end(),
                     [](const SmoothedFrame& frame) { return frame.lost_before; }));
@@ -165,10 +167,20 @@ size_t EndOfRun(const std::vector<SmoothedFrame>& smoothed, size_t begin) {
   return end;
 }
 
+// Returns the probability that a frame is where the walk has it although it says otherwise; 1 where
+// it does not.
+double ProbabilityAgainstOwn(const WalkEvidence& frame, const SmoothedFrame& smoothed,
+                             double share_of_other_times) {
+  if (frame.singles.empty() || Agrees(smoothed)) return 1;
+  const std::vector<double> confidences = UsedConfidences(frame.singles);
+  const double right = std::accumulate(confidences.begin(), confidences.end(), 0.0);
+  return (1 - right) / (1 - right + right * share_of_other_times);
+}
+
 // Returns a frame's own poses as the walk takes them: with the confidences that they count with,
 // and standard deviations times `sigma_factor`.
 std::vector<SinglePose> AsUsed(const WalkEvidence& frame, double sigma_factor) {
-  const std::vector<double> confidences = UsedConfidences(frame);
+  const std::vector<double> confidences = UsedConfidences(frame.singles);
   std::vector<SinglePose> singles = frame.singles;
   for (size_t k = 0; k < singles.size(); ++k) {
     singles[k].covariance *= sigma_factor * sigma_factor;
@@ -181,15 +193,23 @@ std::vector<SinglePose> AsUsed(const WalkEvidence& frame, double sigma_factor) {
 
 bool Agrees(const SmoothedFrame& frame) { return frame.single_agrees > kAgrees; }
 
+bool IsRematched(const SmoothedFrame& frame) { return frame.rematched_agrees > kAgrees; }
+
 void JudgeWalk(std::span<const WalkEvidence> frames, SmoothedWalk& walk) {
   std::vector<SmoothedFrame>& smoothed = walk.frames;
   const double kept = 1 - ShareLost(smoothed);
+  const auto all_agreeing = static_cast<double>(std::ranges::count_if(smoothed, Agrees));
+  const double other_times = kLost * kPriorSteps / (all_agreeing + kPriorSteps);
   for (size_t begin = 0, end = 0; begin < smoothed.size(); begin = end) {
     end = EndOfRun(smoothed, begin);
     Witnesses agreeing, differing;
     OtherWalks others;
     std::optional<size_t> first, last;
     for (size_t i = begin; i < end; ++i) {
+      if (Agrees(smoothed[i]) || IsRematched(smoothed[i])) {
+        if (!first) first = i;
+        last = i;
+      }
       if (frames[i].singles.empty()) continue;
       const std::vector<SinglePose> singles = AsUsed(frames[i], walk.single_sigma_factor);
       if (!Agrees(smoothed[i])) {
@@ -200,13 +220,12 @@ void JudgeWalk(std::span<const WalkEvidence> frames, SmoothedWalk& walk) {
       }
       agreeing.Add(singles[smoothed[i].single], smoothed[i].cam_from_world);
       others.Add(singles, smoothed[i].single, smoothed[i]);
-      if (!first) first = i;
-      last = i;
     }
     const double probability = ProbabilityOfAgreeing(agreeing, differing, others);
     for (size_t i = begin; i < end && first; ++i) {
       const size_t beyond = i < *first ? *first - i : (i > *last ? i - *last : 0);
-      smoothed[i].confidence = probability * std::pow(kept, beyond);
+      smoothed[i].confidence = probability * std::pow(kept, beyond) *
+                               ProbabilityAgainstOwn(frames[i], smoothed[i], other_times);
     }
   }
 }

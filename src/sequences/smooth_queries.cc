@@ -18,6 +18,7 @@
 #include "sequences/chain.h"
 #include "sequences/judgment.h"
 #include "sequences/odometry.h"
+#include "sequences/rematching.h"
 #include "sequences/walked_query.h"
 #include <Eigen/Cholesky>
 #include <fmt/format.h>
@@ -246,9 +247,16 @@ void SmoothWalkOf(const Walk& walk, std::span<const LocalizedQuery> queries,
     walked.warnings.push_back((walk.folder.empty() ? "" : walk.folder + ": ") + warning);
   };
   walked.warnings.insert(walked.warnings.end(), walk.warnings.begin(), walk.warnings.end());
-  const std::vector<WalkEvidence> evidence = EvidenceOf(queries, walk);
+  std::vector<WalkEvidence> evidence = EvidenceOf(queries, walk);
   if (const auto warning = WarningOfAxes(evidence, walk)) warn(*warning);
   ToldFrames frames = SmoothAll(evidence, options);
+  if (options.open_localizer && !options.online) {
+    std::vector<std::string> warnings;
+    RematchFrames({walk, queries, photographs, distances}, options, evidence, frames.walk,
+                  warnings);
+    frames.frames.assign(frames.walk.frames.begin(), frames.walk.frames.end());
+    for (const std::string& warning : warnings) warn(warning);
+  }
   for (const std::string& warning : WarningsOf(frames.walk)) warn(warning);
   for (size_t i = 0; i < frames.frames.size(); ++i) {
     if (!frames.frames[i]) continue;
@@ -265,6 +273,7 @@ static void Members(JsonMembers& members, WalkedQuery& query) {
   members("role", query.role);
   members("time_s", query.time_s);
   members("lost_before", query.lost_before);
+  members("rematched", query.rematched);
   members("single_confidence", query.single_confidence);
   members("single_cam_from_world", query.single_cam_from_world);
 }
@@ -303,6 +312,14 @@ void TakeFromWalk(const SmoothedFrame& frame, const Query& photograph,
     query.single_cam_from_world = localized.estimate.cam_from_world;
     query.single_confidence = localized.confidence();
   }
+  if (!agrees && had_pose && frame.confidence < 0.5) {
+    // One of two poses at most is right. A pose without a covariance contradicts nothing.
+    if (SinglePosesOf(localized).empty()) return;
+    query.role = WalkRole::kDisputed;
+    Conclude(std::min(localized.confidence(), 1 - frame.confidence), 1, localized.estimate);
+    localized.reason = ReasonNotLocalized(localized.estimate, min_confidence);
+    return;
+  }
   if (frame.confidence <= kLeastConfidence) {
     query.role = WalkRole::kDropped;
     localized.reason = "its pose contradicts those of its walk";
@@ -312,6 +329,7 @@ void TakeFromWalk(const SmoothedFrame& frame, const Query& photograph,
   if (!agrees && (frame.confidence < 0.5 || estimate.confidence <= kLeastConfidence)) return;
   query.role =
       !had_pose ? WalkRole::kRescued : (agrees ? WalkRole::kSmoothed : WalkRole::kReplaced);
+  query.rematched = IsRematched(frame);
   if (!agrees) ForgetInliers(estimate);
   // A pose that the walk makes sure, or another pose, has no alternatives.
   if (!agrees || estimate.verdict == PoseVerdict::kLocalized) estimate.alternatives.clear();

@@ -11,6 +11,7 @@
 #include "sequences/anchors.h"
 #include "sequences/chain.h"
 #include "sequences/judgment.h"
+#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 
 #include "raylift/base/error.h"
@@ -135,9 +136,7 @@ class WalkTerms {
         lost_steps_(frames.size(), 0) {
     for (const WalkEvidence& frame : frames) {
       std::vector<Information>& singles = singles_.emplace_back();
-      for (const SinglePose& single : frame.singles) {
-        singles.emplace_back(Matrix6d(single.covariance.inverse()));
-      }
+      for (const SinglePose& single : frame.singles) singles.push_back(InformationOf(single));
     }
     for (size_t i = 1; i < frames.size(); ++i) {
       steps_[i] = OdometryStep(frames[i].cam_from_odometry, frames[i - 1].cam_from_odometry, 1);
@@ -165,9 +164,11 @@ class WalkTerms {
     noise_ = noise;
     single_factor_ = single_factor;
     of_singles_.clear();
+    of_rematched_.clear();
     of_steps_.clear();
     for (size_t i = 0; i < frames_.size(); ++i) {
       of_singles_.push_back(OfSingles(i));
+      of_rematched_.push_back(OfRematched(i));
       of_steps_.push_back(i > 0 ? OfStep(i) : Mixture());
     }
   }
@@ -203,6 +204,17 @@ class WalkTerms {
     return best;
   }
 
+  // The pose that counts if the frame is at `pose`: the one that was found where it was predicted,
+  // or the likeliest of its own; nullopt without any.
+  std::optional<SingleTerm> TermAt(size_t i, const Rigid3& pose) const {
+    if (const auto& rematched = frames_[i].rematched) {
+      const Vector6d error = StepBetween(rematched->pose.cam_from_world, pose);
+      return SingleTerm{0, error, of_rematched_[i].At(error)};
+    }
+    if (frames_[i].singles.empty()) return std::nullopt;
+    return SingleAt(i, pose);
+  }
+
   Vector6d StepError(size_t i, const Rigid3& before, const Rigid3& pose, double log_scale) const {
     return StepBetween(Step(i, log_scale), pose * before.Inverse());
   }
@@ -224,7 +236,7 @@ class WalkTerms {
   double Cost(const std::vector<Rigid3>& poses, double log_scale) const {
     double cost = 0;
     for (size_t i = 0; i < poses.size(); ++i) {
-      if (!frames_[i].singles.empty()) cost += SingleAt(i, poses[i]).value.cost;
+      if (const auto term = TermAt(i, poses[i])) cost += term->value.cost;
       if (i > 0) cost += of_steps_[i].At(StepError(i, poses[i - 1], poses[i], log_scale)).cost;
     }
     const double off = (log_scale - prior_log_scale_) / kPriorLogScale;
@@ -234,9 +246,8 @@ class WalkTerms {
   ChainEquations Equations(const std::vector<Rigid3>& poses, double log_scale) const {
     ChainEquations equations(poses.size());
     for (size_t i = 0; i < poses.size(); ++i) {
-      if (!frames_[i].singles.empty()) {
-        const SingleTerm term = SingleAt(i, poses[i]);
-        equations.Add(i, term.error, OfMoved(term.error), term.value.information);
+      if (const auto term = TermAt(i, poses[i])) {
+        equations.Add(i, term->error, OfMoved(term->error), term->value.information);
       }
       if (i == 0) continue;
       const Vector6d error = StepError(i, poses[i - 1], poses[i], log_scale);
@@ -250,20 +261,39 @@ class WalkTerms {
   }
 
  private:
-  // Returns the distribution of the error of each of a frame's own poses: right, right but less
-  // exact, or anywhere.
+  static Information InformationOf(const SinglePose& single) {
+    return Information(Matrix6d(single.covariance.inverse()));
+  }
+
+  // Returns the distribution of the error of a pose: right, right but less exact, or anywhere, as
+  // Mixture::AddAnywhere() has it.
+  Mixture OfPose(const Information& information, double right, double wrong,
+                 double log_density_of_wrong) const {
+    const Information less = information.Over(single_factor_);
+    Mixture mixture;
+    mixture.Add(right * (1 - kBroadShare), less);
+    mixture.Add(right * kBroadShare, less.Over(kBroadVariance));
+    mixture.AddAnywhere(wrong, log_density_of_wrong);
+    return mixture;
+  }
+
+  // Returns the distributions of the errors of a frame's own poses.
   std::vector<Mixture> OfSingles(size_t i) const {
     std::vector<Mixture> mixtures;
-    const std::vector<double> confidences = UsedConfidences(frames_[i]);
+    const std::vector<double> confidences = UsedConfidences(frames_[i].singles);
     const double wrong = 1 - std::accumulate(confidences.begin(), confidences.end(), 0.0);
     for (size_t k = 0; k < confidences.size(); ++k) {
-      const Information information = singles_[i][k].Over(single_factor_);
-      Mixture& mixture = mixtures.emplace_back();
-      mixture.Add(confidences[k] * (1 - kBroadShare), information);
-      mixture.Add(confidences[k] * kBroadShare, information.Over(kBroadVariance));
-      mixture.AddAnywhere(wrong, log_anywhere_);
+      mixtures.push_back(OfPose(singles_[i][k], confidences[k], wrong, log_anywhere_));
     }
     return mixtures;
+  }
+
+  Mixture OfRematched(size_t i) const {
+    const auto& rematched = frames_[i].rematched;
+    if (!rematched) return {};
+    const double right = UsedConfidences({&rematched->pose, 1}).front();
+    return OfPose(InformationOf(rematched->pose), right, 1 - right,
+                  -0.5 * std::log(rematched->predicted_covariance.determinant()));
   }
 
   // Returns the distribution of the error of a step.
@@ -298,6 +328,7 @@ class WalkTerms {
   double single_factor_ = 1;
   std::vector<size_t> lost_steps_;
   std::vector<std::vector<Mixture>> of_singles_;
+  std::vector<Mixture> of_rematched_;
   std::vector<Mixture> of_steps_;
 };
 
@@ -352,6 +383,11 @@ class WalkGraph {
       frame.cam_from_world = poses_[i];
       frame.covariance = covariance->diagonal[i];
       frame.lost_before = terms_.IsLost(i);
+      const auto used = terms_.TermAt(i, poses_[i]);
+      frame.predicted = Without(used, frame);
+      if (frames_[i].rematched) {
+        frame.rematched_agrees = used->value.shares[0] + used->value.shares[1];
+      }
       if (frames_[i].singles.empty()) continue;
       const WalkTerms::SingleTerm term = terms_.SingleAt(i, poses_[i]);
       frame.single_agrees = term.value.shares[0] + term.value.shares[1];
@@ -364,13 +400,40 @@ class WalkGraph {
   double Scale() const { return std::exp(log_scale_); }
   Rigid3 Step(size_t i) const { return terms_.Step(i, log_scale_); }
 
-  // Returns each frame's pose by odometry from the anchor with the shortest way to it.
+  // Takes the term of a frame's own pose out of the frame's distribution, which is the product of
+  // both: its information is less by that of the term, W, and its mean away by S W e from the
+  // smoothed pose, with what is left as covariance S and the term's error e.
+  static std::optional<FramePrediction> Without(const std::optional<WalkTerms::SingleTerm>& term,
+                                                const SmoothedFrame& frame) {
+    if (!term) return FramePrediction{frame.cam_from_world, frame.covariance};
+    const Matrix6d J = OfMoved(term->error);
+    const Matrix6d of_term = J.transpose() * term->value.information * J;
+    const Matrix6d of_all = frame.covariance.inverse();
+    const Matrix6d rest = of_all - of_term;
+    // What is left of a difference of nearly equal numbers is no information.
+    constexpr double kLeastShare = 1e-6;
+    const Vector6d unit = of_all.diagonal().cwiseSqrt().cwiseInverse();
+    const Eigen::SelfAdjointEigenSolver<Matrix6d> shares(
+        Matrix6d(unit.asDiagonal() * rest * unit.asDiagonal()));
+    if (!(shares.eigenvalues().minCoeff() > kLeastShare)) return std::nullopt;
+    const Matrix6d covariance = rest.inverse();
+    const Vector6d pull = J.transpose() * term->value.information * term->error;
+    return FramePrediction{Moved(frame.cam_from_world, covariance * pull), covariance};
+  }
+
+  // Returns each frame's pose by odometry from the pose that is known with the shortest way to it:
+  // an anchor's, or one that was found where it was predicted.
   std::vector<Rigid3> FromAnchors(const std::vector<Anchor>& anchors) const {
     std::vector<Rigid3> poses(frames_.size());
     std::vector<double> way(frames_.size(), HUGE_VAL);
     for (const Anchor& anchor : anchors) {
       poses[anchor.frame] = frames_[anchor.frame].singles[anchor.single].cam_from_world;
       way[anchor.frame] = 0;
+    }
+    for (size_t i = 0; i < poses.size(); ++i) {
+      if (!frames_[i].rematched) continue;
+      poses[i] = frames_[i].rematched->pose.cam_from_world;
+      way[i] = 0;
     }
     for (size_t i = 1; i < poses.size(); ++i) {
       const double from_before = way[i - 1] + terms_.Amount(i);
@@ -432,7 +495,9 @@ class WalkGraph {
     if (!covariance) return false;
     Variance rotation{}, position{}, single{};
     for (size_t i = 0; i < frames_.size(); ++i) {
-      if (!frames_[i].singles.empty()) CountSingle(i, *covariance, single);
+      if (!frames_[i].singles.empty() && !frames_[i].rematched) {
+        CountSingle(i, *covariance, single);
+      }
       if (i > 0 && !terms_.IsLost(i)) CountStep(i, *covariance, rotation, position);
     }
     const StepNoise before = terms_.noise();

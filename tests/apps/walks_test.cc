@@ -68,12 +68,15 @@ TEST_F(Walks, PhotographsWithoutAPoseGetTheWalks) {
   const Json walk = Json::parse(ReadFile(out / "walk.json"));
   EXPECT_NEAR(walk.at("odometry").at("scale").get<double>() * kScale, 1, 0.02);
   EXPECT_GT(walk.at("photographs").at("rescued"), 0);
+  size_t rematched = 0;
   for (const auto& [name, line] : Diagnostics(out / "queries.jsonl")) {
     const Json json = Json::parse(line);
+    rematched += json.at("walk").at("rematched").get<bool>() ? 1 : 0;
     EXPECT_EQ(json.at("status"), "ok");
     EXPECT_EQ(json.at("walk").at("role") == "rescued",
               json.at("walk").at("single_cam_from_world").is_null());
   }
+  EXPECT_GT(rematched, 0U);
   const auto trajectory = ReadTumTrajectory(out / "trajectory.txt");
   ASSERT_EQ(trajectory.size(), truth_.size());
   for (size_t i = 0; i < truth_.size(); ++i) {
@@ -87,6 +90,11 @@ TEST_F(Walks, PhotographsWithoutAPoseGetTheWalks) {
        {"poses.txt", "queries.jsonl", "summary.json", "walk.json", "trajectory_covariance.txt"}) {
     EXPECT_EQ(ReadFile(alone / name), ReadFile(out / name)) << name;
   }
+
+  // Photographs are not localized again where that is not wanted.
+  ASSERT_TRUE(Succeeds(
+      RunRaylift(Localize(alone, Odometry() + Arguments{"--resume", "--quiet", "--no-rematch"}))));
+  EXPECT_EQ(ReadFile(alone / "queries.jsonl").find("\"rematched\":true"), std::string::npos);
 
   // Without odometry, nothing of the walk stays; what is merged says that it has none.
   ASSERT_TRUE(Succeeds(RunRaylift(Localize(alone, {"--resume", "--quiet"}))));
@@ -163,8 +171,9 @@ TEST_F(Walks, OnlineKnowsThePastAlone) {
   const auto lines = Diagnostics(out / "queries.jsonl");
   const Json first = Json::parse(lines.at(truth_[0].name));
   EXPECT_EQ(first.at("walk").at("role"), "alone");
-  // The last one knows the whole walk.
-  ASSERT_TRUE(Succeeds(RunRaylift(Localize(out, Odometry() + Arguments{"--resume", "--quiet"}))));
+  // The last one knows the whole walk, but for what is localized again by it.
+  ASSERT_TRUE(Succeeds(
+      RunRaylift(Localize(out, Odometry() + Arguments{"--resume", "--quiet", "--no-rematch"}))));
   const std::string& last = truth_.back().name;
   EXPECT_EQ(Json::parse(lines.at(last)).at("covariance"),
             Json::parse(Diagnostics(out / "queries.jsonl").at(last)).at("covariance"));

@@ -343,6 +343,8 @@ TEST(PoseProblemJson, PriorsComeBack) {
   EXPECT_EQ(sigmas.factor, 0.08);
   EXPECT_FALSE(sigmas.rotation_deg);
   EXPECT_EQ(sigmas.position, 0);
+  file.problem.search_area_px2 = 1234.5;
+  EXPECT_EQ(ParsePoseProblem(FormatPoseProblem(file), "p.json").problem.search_area_px2, 1234.5);
   file.problem.priors = {.focal_range = 2};
   EXPECT_EQ(ParsePoseProblem(FormatPoseProblem(file), "p.json").problem.priors.focal_range, 2);
 }

@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <numbers>
+#include <string>
 #include <vector>
 
 #include "base/constants.h"
@@ -11,6 +12,7 @@
 #include "geometry/pose_step.h"
 #include "support/meshes.h"
 
+#include "raylift/localization/localizer.h"
 #include "raylift/sequences/smoothing.h"
 
 namespace raylift {
@@ -66,6 +68,19 @@ inline MadeWalk MakeWalk(Rng& rng, const WalkSettings& settings) {
     walk.frames.push_back({odometry, {{single, covariance, 0.99}}});
   }
   return walk;
+}
+
+// Returns the result of a photograph by itself, as a frame has it.
+inline LocalizedQuery ResultOf(const WalkEvidence& frame, const std::string& name) {
+  LocalizedQuery query;
+  query.name = name;
+  query.reason = frame.singles.empty() ? "too few matches" : "";
+  if (frame.singles.empty()) return query;
+  query.estimate.cam_from_world = frame.singles.front().cam_from_world;
+  query.estimate.covariance = frame.singles.front().covariance;
+  query.estimate.confidence = frame.singles.front().confidence;
+  query.estimate.verdict = PoseVerdict::kLocalized;
+  return query;
 }
 
 inline void TakeAway(MadeWalk& walk, size_t begin, size_t end) {

@@ -73,18 +73,6 @@ TEST(WalkFilter, KnowsTheWayOfFramesThatItForgets) {
   EXPECT_NEAR(sigma(walk) / sigma(whole), 1, 0.2);
 }
 
-LocalizedQuery ResultOf(const WalkEvidence& frame, const std::string& name) {
-  LocalizedQuery query;
-  query.name = name;
-  query.reason = frame.singles.empty() ? "too few matches" : "";
-  if (frame.singles.empty()) return query;
-  query.estimate.cam_from_world = frame.singles.front().cam_from_world;
-  query.estimate.covariance = frame.singles.front().covariance;
-  query.estimate.confidence = frame.singles.front().confidence;
-  query.estimate.verdict = PoseVerdict::kLocalized;
-  return query;
-}
-
 struct Inputs {
   std::vector<Query> photographs = {};
   std::vector<LocalizedQuery> alone = {};

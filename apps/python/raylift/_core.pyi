@@ -1051,8 +1051,8 @@ class TrackedPose:
     @property
     def role(self) -> str:
         """
-        "alone", "smoothed", "replaced", "rescued" or "dropped": what the walk did with
-        the photograph's own pose.
+        "alone", "smoothed", "replaced", "rescued", "disputed" or "dropped": what the
+        walk did with the photograph's own pose.
         """
     @property
     def scale(self) -> float:

@@ -254,6 +254,7 @@ class LocalizeOptions(TypedDict, total=False):
     model: SpecValue | None
     model_poses: Literal["cam_from_world", "world_from_cam", "opengl", "world_from_opengl"] | None
     no_doctor: bool
+    no_rematch: bool
     odometry: SpecValue | None
     odometry_scale: Literal["known", "unknown"] | None
     online: bool

@@ -9,7 +9,7 @@
 // Beyond the format's own members, the query's "heading_prior", "orientation_prior" and
 // "range_prior" (of PosePriors), "focal_sigma" (of its focal length, as a share of it),
 // "reference_sigmas" (how far the references err as wholes: "factor", "rotation_deg" and
-// "position", each of them if known), "reference_clusters" (the covisibility cluster of each
+// "position", each of them if known), "search_area_px2" (of PoseProblem), "reference_clusters" (the covisibility cluster of each
 // reference), "matches_2d3d_reference" (an index or null per 2D-3D match), "matches_2d3d_sigma",
 // "matches_2d3d_log_depth_sigma" and "matches_2d2d_sigma_px" (a number or null per match: of the
 // point, of its distance's logarithm, of the reference pixel) keep what the format has no place

@@ -76,6 +76,13 @@ class LocalizeAll {
   void Run(std::span<const size_t> queries, const OnResult& on_result,
            const std::atomic<bool>* stop = nullptr);
 
+  // Localizes a query again by its matches with these references of the scene, best first, near
+  // where they are seen from `cam_from_world`, which is about its pose and has this covariance. The
+  // estimate is what the matches say without that. Thread safe after Calibrate().
+  LocalizedQuery LocalizeAgain(const Query& query, std::span<const size_t> references,
+                               const Rigid3& cam_from_world,
+                               const Eigen::Matrix<double, 6, 6>& covariance) const;
+
   // Localizes the queries one after the other (continuous/continuous_localizer.h).
   void RunContinuously(ContinuousRun run);
 
@@ -111,6 +118,7 @@ class LocalizeAll {
   std::vector<Frame> FramesOf(std::span<const size_t> queries) const;
   std::vector<QueryResult> LocalizeFrame(const Frame& frame) const;
   void Complete(size_t query, QueryResult& result);
+  void Rerender(const Query& query, QueryResult& result) const;
   std::vector<ReferenceMatch> MatchesAmongReferences() const;
   std::vector<std::string> DoctorWarnings() const;
 

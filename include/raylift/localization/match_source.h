@@ -16,6 +16,7 @@
 #include <Eigen/Core>
 
 #include "raylift/base/enum_names.h"
+#include "raylift/features/local_features.h"
 #include "raylift/scene/features.h"
 #include "raylift/scene/image.h"
 #include "raylift/scene/photographs.h"
@@ -32,7 +33,14 @@ struct Shard;
 struct QueryMatches {
   std::vector<PosedImage> references;  // the retrieved ones, best first
   std::vector<Match2D2D> matches;      // `reference` counts in `references`
+  // PoseProblem::search_area_px2.
+  std::optional<double> search_area_px2 = std::nullopt;
 };
+
+// Returns where in a query the keypoints of a reference are to be looked for; nullopt where nothing
+// tells.
+using SearchRegions = std::function<std::vector<std::optional<SearchRegion>>(
+    const PosedImage& reference, std::span<const Eigen::Vector2d> keypoints_px)>;
 
 class MatchSource {
  public:
@@ -45,6 +53,11 @@ class MatchSource {
   // Thread safe. Throws InputError where the source cannot match them: only the front end can.
   virtual QueryMatches MatchPhotograph(const Query& query, const Image& photograph) const;
   virtual QueryMatches MatchFeatures(const Query& query, const Features& features) const;
+
+  // Returns the matches of such a query with these references of the scene, best first, where they
+  // are to be expected; by default those of Match(), which has retrieved others. Thread safe.
+  virtual QueryMatches MatchWithin(const SearchRegions& regions, const Query& query,
+                                   std::span<const PosedImage> references) const;
 
   // Return whether the references can be matched with each other, and the matches of one of them,
   // as a query, with the others. Thread safe.

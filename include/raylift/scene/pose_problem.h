@@ -78,6 +78,9 @@ struct PoseProblem {
   std::vector<Match2D3D> matches_2d3d;
   PosePriors priors;
   ReferenceSigmas reference_sigmas = {};
+  // The area of the query in which each match was looked for, and where wrong ones fall; nullopt
+  // where that is what the matches cover.
+  std::optional<double> search_area_px2 = std::nullopt;
 
   // Counts the cameras: the query's own camera is 0, the others follow.
   int num_cameras() const { return 1 + static_cast<int>(other_cameras.size()); }

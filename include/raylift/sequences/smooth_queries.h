@@ -6,6 +6,7 @@
 
 #include <cstddef>
 #include <filesystem>
+#include <functional>
 #include <optional>
 #include <span>
 #include <string>
@@ -21,8 +22,7 @@
 
 namespace raylift {
 
-// Estimates the distance from a camera to what it sees from the scene's points at some pixels of
-// the references.
+// Tells from the scene's points at some pixels of the references what a camera sees.
 class SceneDistances {
  public:
   explicit SceneDistances(const Scene& scene, int threads = 0);
@@ -31,22 +31,32 @@ class SceneDistances {
   // nullopt where there is none.
   std::optional<double> At(const Camera& camera, const Rigid3& cam_from_world) const;
 
+  // Returns at most `most` references that see the same as the camera from similar directions, the
+  // best first, as indices into the scene's; nothing is known of occlusion.
+  std::vector<size_t> SeeingAlike(const Camera& camera, const Rigid3& cam_from_world,
+                                  size_t most) const;
+
  private:
   struct Seen {
+    size_t reference;
     Eigen::Vector3d center;  // of the reference
     std::vector<Eigen::Vector3d> points;
   };
+  std::vector<size_t> NearestTo(const Eigen::Vector3d& center, size_t most) const;
+
   std::vector<Seen> seen_;
 };
 
 // The walk's effect on a photograph's pose.
-enum class WalkRole { kAlone, kSmoothed, kReplaced, kRescued, kDropped };
+enum class WalkRole { kAlone, kSmoothed, kReplaced, kRescued, kDisputed, kDropped };
 template <>
 inline constexpr auto kEnumNames<WalkRole> = std::to_array<EnumName<WalkRole>>({
     {WalkRole::kAlone, "alone", "its result is as it was: it is not in the walk, or that has none"},
     {WalkRole::kSmoothed, "smoothed", "its pose agrees with the walk, which made it more exact"},
     {WalkRole::kReplaced, "replaced", "its pose contradicts the walk, whose pose it has now"},
     {WalkRole::kRescued, "rescued", "it had no pose and has the walk's"},
+    {WalkRole::kDisputed, "disputed",
+     "its pose contradicts the walk, which is no surer: it is less sure for that"},
     {WalkRole::kDropped, "dropped", "its pose contradicts the walk, which has no sure one either"},
 });
 
@@ -55,6 +65,8 @@ struct WalkedQuery {
   WalkRole role = WalkRole::kAlone;
   std::optional<double> time_s = std::nullopt;  // in the walk
   bool lost_before = false;                     // SmoothedFrame::lost_before
+  // Whether it was localized again where the walk predicts it, and agrees.
+  bool rematched = false;
   // The pose of the photograph by itself, where it had one.
   std::optional<Rigid3> single_cam_from_world = std::nullopt;
   double single_confidence = 0;
@@ -76,10 +88,20 @@ struct WalkedQueries {
   size_t Count(WalkRole role) const;
 };
 
+// LocalizeAll::LocalizeAgain(); is called from several threads.
+using LocalizeAgain = std::function<LocalizedQuery(
+    const Query& photograph, std::span<const size_t> references, const Rigid3& cam_from_world,
+    const Eigen::Matrix<double, 6, 6>& covariance)>;
+
 struct SmoothingOptions {
   OdometryScale scale = OdometryScale::kKnown;
   double min_confidence = 0;  // LocalizerOptions::min_confidence
   bool online = false;        // each frame by those before it alone, as Tracker has it
+  // Photographs that are not sure by themselves are localized again where the rest of the walk
+  // predicts them, if this is given and `online` is not set. It is called once, where there are
+  // some.
+  std::function<LocalizeAgain()> open_localizer = nullptr;
+  int threads = 0;  // <= 0: all; never changes the result
 };
 
 // Smooths the results `queries` of the photographs, in the order of the names for which the walks

@@ -7,7 +7,8 @@
 // pose B (StepBetween), minimized is
 //
 //   - 2 sum_i log( max_k c_ik N(e(Z_ik, T_i); f^2 S_ik) + (1 - sum_k c_ik) u )
-//                                                                 a frame's own poses Z_ik
+//                                                                 a frame's own poses Z_ik, or the
+//                                                                 one found where it is predicted
 //   - 2 sum_i log N(e(s O_i O_i-1^-1, T_i T_i-1^-1); V_i)           a step of the odometry's O
 //
 // each N with a broader part, so that a few large errors count little. A frame has one pose of its
@@ -43,12 +44,22 @@ struct StepLength {
   double turn_deg = 0;
 };
 
+// The pose that a frame's matches tell near where the rest of the walk predicts it, and what a wrong
+// one may be off by, the covariance of that prediction.
+struct RematchedPose {
+  SinglePose pose;
+  Eigen::Matrix<double, 6, 6> predicted_covariance;
+};
+
 struct WalkEvidence {
   Rigid3 cam_from_odometry;
   std::vector<SinglePose> singles = {};  // none without a pose; at most one of them is right
   // A lower bound of how far the camera moved and turned since the frame before: where frames
   // between them are left out, it is more than the odometry's poses differ.
   StepLength since_before = {};
+  // Stands in place of the others, but for the question whether the walk is right, which it does
+  // not tell, as it was looked for there alone.
+  std::optional<RematchedPose> rematched = std::nullopt;
 };
 
 enum class OdometryScale { kKnown, kUnknown };
@@ -57,6 +68,12 @@ inline constexpr auto kEnumNames<OdometryScale> = std::to_array<EnumName<Odometr
     {OdometryScale::kKnown, "known", "the scene's units"},
     {OdometryScale::kUnknown, "unknown", "any; it is found"},
 });
+
+// What the rest of the walk tells of a frame.
+struct FramePrediction {
+  Rigid3 cam_from_world;
+  Eigen::Matrix<double, 6, 6> covariance;
+};
 
 struct SmoothedFrame {
   Rigid3 cam_from_world;
@@ -68,6 +85,8 @@ struct SmoothedFrame {
   // The probability that a pose of its own is right, 0 without one; and the index of that pose.
   double single_agrees = 0;
   size_t single = 0;
+  double rematched_agrees = 0;  // the probability that `rematched` is right, 0 without one
+  std::optional<FramePrediction> predicted = std::nullopt;  // nullopt where it tells nothing
   bool lost_before = false;  // between the frame before and this one the odometry was lost
 };
 

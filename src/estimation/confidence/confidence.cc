@@ -93,9 +93,9 @@ class Assessment {
   // Returns the probability that neither chance nor one thing that is wrong explains the inliers.
   double OfInliers() const {
     double confidence = ProbabilityOfNoChance(evidence_.log_false_alarms);
-    // Agreement with the priors speaks for a pose that was not drawn by them; a pose that
-    // contradicts them is doubtful, but remains a pose.
-    if (log_prior_ < 0 || !drawn_by_prior_) {
+    // Agreement with the priors speaks for a pose that neither was drawn by them nor is of matches
+    // that were looked for there; a pose that contradicts them is doubtful, but remains a pose.
+    if (log_prior_ < 0 || !(drawn_by_prior_ || problem_.search_area_px2)) {
       confidence = std::max(ProbabilityOfNoChance(evidence_.log_false_alarms - log_prior_),
                             std::min(confidence, kLeastConfidence));
     }

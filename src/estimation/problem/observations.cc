@@ -167,6 +167,8 @@ struct ByKeypoint {
 
 // The covariance of pixels, as their sum and squares.
 struct Scatter {
+  static constexpr double kLeastSidePx = 10;  // a keypoint is no narrower
+
   double count = 0;
   Eigen::Vector2d sum = Eigen::Vector2d::Zero();
   Eigen::Matrix2d squares = Eigen::Matrix2d::Zero();
@@ -180,7 +182,6 @@ struct Scatter {
   // square of a side is twelve times the variance along it. No side is shorter than a keypoint is
   // wide.
   double Area() const {
-    constexpr double kLeastSidePx = 10;
     if (count < 2) return kLeastSidePx * kLeastSidePx;
     Eigen::Matrix2d covariance = (squares - sum * sum.transpose() / count) / (count - 1);
     covariance.diagonal().array() += kLeastSidePx * kLeastSidePx / 12;
@@ -216,7 +217,10 @@ double MatchedAreaPx2(const PoseProblem& problem) {
     area += matched.count * std::min(image, matched.Area());
     count += matched.count;
   }
-  return count > 0 ? area / count : 1;
+  area = count > 0 ? area / count : 1;
+  if (!problem.search_area_px2) return area;
+  constexpr double kLeast = Scatter::kLeastSidePx * Scatter::kLeastSidePx;
+  return std::min(area, std::max(kLeast, *problem.search_area_px2));
 }
 
 KeypointEvidence GatherEvidence(const PoseProblem& original, const NormalizedProblem& problem) {

@@ -216,7 +216,11 @@ std::string FormatPoseProblem(const PoseProblemFile& file) {
     text += MemberText("matches_2d2d_camera", ListText(pairs, kOneLine, camera_of));
     text += MemberText("matches_2d3d_camera", ListText(points, kOneLine, camera_of));
   }
-  return text + ReferenceSigmasText(problem.reference_sigmas) + ExtraText(problem) + "\n}\n";
+  text += ReferenceSigmasText(problem.reference_sigmas);
+  if (problem.search_area_px2) {
+    text += MemberText("search_area_px2", NumberText(*problem.search_area_px2));
+  }
+  return text + ExtraText(problem) + "\n}\n";
 }
 
 void WritePoseProblem(const std::filesystem::path& path, const PoseProblemFile& file) {

@@ -292,6 +292,11 @@ PoseProblemFile ReadRoot(const JsonPlace& root) {
   if (root.Has("reference_sigmas")) {
     problem.reference_sigmas = ReadReferenceSigmas(root.Member("reference_sigmas"));
   }
+  if (root.Has("search_area_px2")) {
+    const JsonPlace place = root.Member("search_area_px2");
+    problem.search_area_px2 = place.Number();
+    if (!(problem.search_area_px2 > 0)) place.Fail("expected an area above 0");
+  }
   if (root.Has("extra")) {
     ReadExtra(root.Member("extra"), problem);
   }

@@ -196,7 +196,9 @@ class FrontEndMatches final : public MatchSource {
   FrontEndMatches(const FrontEndOptions& options, const ReferenceSet& references,
                   const std::vector<Query>& queries)
       : options_(options), references_(references.images) {
-    for (const PosedImage& image : references_) reference_names_.insert(image.name);
+    for (size_t i = 0; i < references_.size(); ++i) {
+      index_of_reference_.emplace(references_[i].name, static_cast<int>(i));
+    }
     features_ =
         ExtractOrReadFeatures(ImagesOf(options, references, queries),
                               CacheOf(options, references.map), std::move(options_.features));
@@ -216,7 +218,36 @@ class FrontEndMatches final : public MatchSource {
       throw InputError(fmt::format(
           "the query \"{}\" is not among those that the features were extracted of", query.name));
     }
-    return MatchWith(query, nullptr, *features_->Get(query.name), retrieved->second);
+    return MatchRetrieved(query, nullptr, *features_->Get(query.name), retrieved->second);
+  }
+
+  QueryMatches MatchWithin(const SearchRegions& regions, const Query& query,
+                           std::span<const PosedImage> references) const override {
+    QueryMatches result;
+    result.references.assign(references.begin(), references.end());
+    for (const PosedImage& reference : references) {
+      CheckSizeOfReference(index_of_reference_.at(reference.name));
+    }
+    if (options_.matcher) {
+      MatchPixels(query, nullptr, &result);
+      return result;
+    }
+    const auto of_query = features_->Get(query.name);
+    double area = 0;
+    for (size_t rank = 0; rank < references.size(); ++rank) {
+      const auto of_reference = features_->Get(references[rank].name);
+      const auto within = regions(references[rank], of_reference->features.keypoints_px);
+      const std::vector<FeatureMatch> matches = raylift::MatchWithin(
+          within, of_query->features, of_reference->features, {.max_ratio = options_.max_ratio});
+      for (const FeatureMatch& match : matches) {
+        area += within[static_cast<size_t>(match.reference_index)]->AreaPx2();
+      }
+      AddMatches(matches, *of_query, *of_reference, static_cast<int>(rank), result);
+    }
+    if (!result.matches.empty()) {
+      result.search_area_px2 = area / static_cast<double>(result.matches.size());
+    }
+    return result;
   }
 
   QueryMatches MatchPhotograph(const Query& query, const Image& photograph) const override {
@@ -235,7 +266,7 @@ class FrontEndMatches final : public MatchSource {
 
   // References are retrieved by their vectors, in whatever way the queries' are.
   QueryMatches MatchReference(const Query& reference) const override {
-    return MatchWith(
+    return MatchRetrieved(
         reference, nullptr, *features_->Get(reference.name),
         MostAlike(reference.name, vectors_->Index()->VectorOfReference(reference.name)));
   }
@@ -258,8 +289,9 @@ class FrontEndMatches final : public MatchSource {
       RequireSizeOf(query.camera, query.name, {features.image_width_px, features.image_height_px},
                     query.name);
     }
-    return MatchWith(query, photograph, {features, CanonicalKeypoints(features.keypoints_px)},
-                     MostAlike(query.name, vectors_->VectorOf(query.name, photograph, features)));
+    return MatchRetrieved(
+        query, photograph, {features, CanonicalKeypoints(features.keypoints_px)},
+        MostAlike(query.name, vectors_->VectorOf(query.name, photograph, features)));
   }
 
   std::vector<int> MostAlike(const std::string& query, const Eigen::MatrixXf& vector) const {
@@ -274,8 +306,9 @@ class FrontEndMatches final : public MatchSource {
   }
 
   // `photograph` is null where it is in its file.
-  QueryMatches MatchWith(const Query& query, const Image* photograph, const ImageFeatures& of_query,
-                         const std::vector<int>& retrieved) const {
+  QueryMatches MatchRetrieved(const Query& query, const Image* photograph,
+                              const ImageFeatures& of_query,
+                              const std::vector<int>& retrieved) const {
     QueryMatches result;
     for (const int index : retrieved) {
       result.references.push_back(references_[static_cast<size_t>(index)]);
@@ -314,7 +347,7 @@ class FrontEndMatches final : public MatchSource {
 
   // Queries that have joined the references stay in their folder.
   Photograph InFile(const std::string& name) const {
-    const bool is_reference = reference_names_.contains(name);
+    const bool is_reference = index_of_reference_.contains(name);
     return {name, (is_reference ? options_.reference_images : options_.query_images) / name};
   }
 
@@ -328,17 +361,20 @@ class FrontEndMatches final : public MatchSource {
                                       {.max_ratio = options_.max_ratio});
     });
     for (size_t rank = 0; rank < matches.size(); ++rank) {
-      const ImageFeatures& of_reference = *of_references[rank];
-      for (const FeatureMatch& match : matches[rank]) {
-        const auto query_index = static_cast<size_t>(match.query_index);
-        const auto reference_index = static_cast<size_t>(match.reference_index);
-        result->matches.push_back(
-            {.reference = static_cast<int>(rank),
-             .query_px = of_query.features.keypoints_px[query_index],
-             .reference_px = of_reference.features.keypoints_px[reference_index],
-             .query_keypoint = of_query.keypoints[query_index],
-             .reference_keypoint = of_reference.keypoints[reference_index]});
-      }
+      AddMatches(matches[rank], of_query, *of_references[rank], static_cast<int>(rank), *result);
+    }
+  }
+
+  static void AddMatches(const std::vector<FeatureMatch>& matches, const ImageFeatures& of_query,
+                         const ImageFeatures& of_reference, int reference, QueryMatches& result) {
+    for (const FeatureMatch& match : matches) {
+      const auto query_index = static_cast<size_t>(match.query_index);
+      const auto reference_index = static_cast<size_t>(match.reference_index);
+      result.matches.push_back({.reference = reference,
+                                .query_px = of_query.features.keypoints_px[query_index],
+                                .reference_px = of_reference.features.keypoints_px[reference_index],
+                                .query_keypoint = of_query.keypoints[query_index],
+                                .reference_keypoint = of_reference.keypoints[reference_index]});
     }
   }
 
@@ -377,7 +413,7 @@ class FrontEndMatches final : public MatchSource {
 
   FrontEndOptions options_;
   std::vector<PosedImage> references_;
-  std::set<std::string> reference_names_;
+  std::map<std::string, int> index_of_reference_;
   WarningSet warnings_;
   std::shared_ptr<const FeatureStore> features_;
   std::unique_ptr<const ReferenceVectors> vectors_;

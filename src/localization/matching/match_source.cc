@@ -23,6 +23,11 @@ QueryMatches MatchSource::MatchFeatures(const Query& query, const Features&) con
                    " are in memory: only the built-in front end can match them");
 }
 
+QueryMatches MatchSource::MatchWithin(const SearchRegions&, const Query& query,
+                                      std::span<const PosedImage>) const {
+  return Match(query);
+}
+
 QueryMatches MatchSource::MatchReference(const Query& reference) const {
   throw std::logic_error("this source does not match the reference " + reference.name);
 }
