@@ -49,29 +49,35 @@ void MakeCourtyard(const std::filesystem::path& folder, std::optional<uint64_t> 
   TakeQueries(folder / "images", caster_of(changed), queries, seed, kSamplesPerSide);
 }
 
-std::optional<uint64_t> ParseSeed(std::string_view text) {
-  uint64_t seed = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), seed);
+std::optional<uint64_t> ParseNumber(std::string_view text) {
+  uint64_t number = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
   if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
-  return seed;
+  return number;
+}
+
+constexpr uint64_t kPhotographsOfTown = 15;
+
+// Makes what the words ask for; returns whether they ask for something.
+bool Make(const std::vector<std::string_view>& words) {
+  if (words.size() == 3 || words.size() == 4) {
+    const auto seed = ParseNumber(words[1]);
+    const auto photographs = words.size() == 4 ? ParseNumber(words[3]) : kPhotographsOfTown;
+    if (words[0] != "--town" || !seed || !photographs) return false;
+    MakeTown(words[2], *seed, static_cast<int>(*photographs));
+    return true;
+  }
+  const auto seed = words.size() == 2 ? ParseNumber(words[1]) : std::nullopt;
+  if (words.empty() || words.size() > 2 || (words.size() == 2 && !seed)) return false;
+  MakeCourtyard(words[0], seed);
+  return true;
 }
 
 int Main(int argc, char** argv) {
-  std::vector<std::string_view> words(argv + 1, argv + argc);
-  const bool is_town = words.size() == 3 && words[0] == "--town";
-  if (is_town) words = {words[2], words[1]};
-  const std::optional<uint64_t> seed = words.size() == 2 ? ParseSeed(words[1]) : std::nullopt;
-  if (words.empty() || words.size() > 2 || (words.size() == 2 && !seed)) {
-    std::cerr << "usage: raylift_make_demo FOLDER [SEED]\n"
-                 "       raylift_make_demo --town SEED FOLDER\n";
-    return 2;
-  }
-  if (is_town) {
-    MakeTown(words[0], *seed);
-  } else {
-    MakeCourtyard(words[0], seed);
-  }
-  return 0;
+  if (Make({argv + 1, argv + argc})) return 0;
+  std::cerr << "usage: raylift_make_demo FOLDER [SEED]\n"
+               "       raylift_make_demo --town SEED FOLDER [PHOTOGRAPHS = 15]\n";
+  return 2;
 }
 
 }  // namespace

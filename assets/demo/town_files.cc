@@ -28,7 +28,6 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 using std::filesystem::path;
 
-constexpr int kQueriesOfEach = 15;
 constexpr int kReferences = 24;
 constexpr int kSamplesPerSide = 2;  // the town is large, and its pictures are many
 constexpr double kDsmCell = 0.25, kOrthoCell = 0.1;
@@ -138,7 +137,7 @@ void WriteMaps(const path& folder, const Town& town, const TownScene& scene) {
 
 }  // namespace
 
-void MakeTown(const path& folder, uint64_t seed) {
+void MakeTown(const path& folder, uint64_t seed, int photographs) {
   const Town town(seed);
   const TownScene scene = BuildTown(town, seed);
   WriteMaps(folder, town, scene);
@@ -158,8 +157,8 @@ void MakeTown(const path& folder, uint64_t seed) {
 
   around.Append(scene.objects);
   const RayCaster changed = caster_of(around);
-  const auto drones = DroneViews(town, map, stream("drones"), kQueriesOfEach);
-  const auto phones = PhoneViews(town, changed, stream("phones"), kQueriesOfEach);
+  const auto drones = DroneViews(town, map, stream("drones"), photographs);
+  const auto phones = PhoneViews(town, changed, stream("phones"), photographs);
   std::vector<PosedImage> all = drones;
   all.insert(all.end(), phones.begin(), phones.end());
   WriteQueries(folder / "queries.txt", all);

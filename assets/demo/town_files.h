@@ -7,7 +7,8 @@
 
 namespace raylift::demo {
 
-// Its README.txt, which is written, too, says what is there.
-void MakeTown(const std::filesystem::path& folder, uint64_t seed);
+// Takes so many photographs by drones, and as many by phones. Its README.txt, which is written,
+// too, says what is there.
+void MakeTown(const std::filesystem::path& folder, uint64_t seed, int photographs);
 
 }  // namespace raylift::demo
