@@ -299,6 +299,7 @@ class LocalizeRun {
     UntilSignal(
         [&] { walked = SmoothRecords(flags_, walks_, scene_, queries_, open_localizer, records); },
         [] { return "stopped by a signal; --resume goes on"; });
+    localizer_.reset();
     return walked;
   }
 

@@ -128,11 +128,18 @@ QueryResult LocalizeNear(const PredictedPose& predicted, const Localizer& locali
   Query near = query;
   near.priors = WithPrediction(query.priors, predicted);
   QueryResult result = localizer.Localize(near, matches.MatchWithin(regions, query, references));
+  const auto range = result.problem.priors.range;  // with the surface that it is of
   result.problem.priors = query.priors;
+  result.problem.priors.range = range;
   LocalizedQuery& localized = result.localized;
   if (!localized.estimate.cam_from_world) return result;
   const EstimatorOptions& options = localizer.options().estimator;
   PoseEstimate refined = RefinePose(result.problem, options, *localized.estimate.cam_from_world);
+  // Without the prediction the pose may go elsewhere, where fewer matches are right.
+  if (2 * refined.inlier_keypoints < localized.estimate.inlier_keypoints) {
+    refined.cam_from_world.reset();
+    refined.failure = FailureReason::kNoConsistentSample;
+  }
   if (refined.cam_from_world) Conclude(localized.estimate.confidence, 1, refined);
   localized.TakeEstimate(std::move(refined));
   localized.reason = ReasonNotLocalized(localized.estimate, localizer.options().min_confidence);

@@ -27,7 +27,8 @@ PosePriors WithPrediction(PosePriors priors, const PredictedPose& predicted);
 // Localizes the query by its matches in `matches` with these references, best first, near where
 // they are seen from the predicted pose: RANSAC draws with the prediction as prior, and its pose is
 // refined without, so that the estimate is what the matches and the query's own priors say. It is
-// as sure as with the prediction, which tells how far away the matched scene is where they do not. Throws InputError as MatchWithin() and GeometrySource::Lift() do.
+// as sure as with the prediction, which tells how far away the matched scene is where they do not.
+// Throws InputError as MatchWithin() and GeometrySource::Lift() do.
 QueryResult LocalizeNear(const PredictedPose& predicted, const Localizer& localizer,
                          const MatchSource& matches, const Query& query,
                          std::span<const PosedImage> references);

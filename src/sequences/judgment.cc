@@ -13,6 +13,7 @@
 #include "sequences/anchors.h"
 #include <Eigen/Cholesky>
 
+#include "raylift/estimation/pose_estimator.h"
 #include "raylift/geometry/residuals.h"
 
 namespace raylift {
@@ -206,7 +207,8 @@ void JudgeWalk(std::span<const WalkEvidence> frames, SmoothedWalk& walk) {
     OtherWalks others;
     std::optional<size_t> first, last;
     for (size_t i = begin; i < end; ++i) {
-      if (Agrees(smoothed[i]) || IsRematched(smoothed[i])) {
+      smoothed[i].against_own = ProbabilityAgainstOwn(frames[i], smoothed[i], other_times);
+      if (Agrees(smoothed[i]) || smoothed[i].rematched_agrees >= kLocalizedConfidence) {
         if (!first) first = i;
         last = i;
       }
@@ -224,8 +226,7 @@ void JudgeWalk(std::span<const WalkEvidence> frames, SmoothedWalk& walk) {
     const double probability = ProbabilityOfAgreeing(agreeing, differing, others);
     for (size_t i = begin; i < end && first; ++i) {
       const size_t beyond = i < *first ? *first - i : (i > *last ? i - *last : 0);
-      smoothed[i].confidence = probability * std::pow(kept, beyond) *
-                               ProbabilityAgainstOwn(frames[i], smoothed[i], other_times);
+      smoothed[i].confidence = probability * std::pow(kept, beyond);
     }
   }
 }

@@ -15,9 +15,9 @@ bool Agrees(const SmoothedFrame& frame);
 // Returns the same of the pose that was found where the frame was predicted.
 bool IsRematched(const SmoothedFrame& frame);
 
-// Sets the confidence of each frame. Frames between which the odometry was not lost are right or
-// wrong together; before the first and after the last one that agrees, or was found where the walk
-// predicts it, the odometry may have been lost unnoticed.
+// Sets the confidence and `against_own` of each frame. Frames between which the odometry was not
+// lost are right or wrong together; before the first and after the last one that agrees, or was
+// surely found where the walk predicts it, the odometry may have been lost unnoticed.
 //
 // Frames that follow each other in one place are one witness, as what makes a pose wrong there
 // makes the next ones wrong, too. W is the probability that a witness is wrong. A is the sum of log
@@ -30,10 +30,11 @@ bool IsRematched(const SmoothedFrame& frame);
 //   confidence = (1 - exp(A_3)) / (1 - exp(A_3) + exp(A_3 - s D_0) (1 + sum_k (exp(-s D_k) - 1)))
 //   s = A_3 / A
 //
-// A frame that does not agree has, besides, a pose of its own that is wrong with probability w, or
-// the odometry's pose is not the photograph's, as when it is of another time: its confidence is
-// that times w / (w + (1 - w) l), with a prior share l of such frames and none among those that
-// agree.
+// A frame that does not agree has a pose of its own that is wrong with probability w, or the
+// odometry's pose is not the photograph's, as when it is of another time, with a prior share l of
+// such frames and none among those that agree:
+//
+//   against_own = w / (w + (1 - w) l)
 void JudgeWalk(std::span<const WalkEvidence> frames, SmoothedWalk& walk);
 
 }  // namespace raylift

@@ -6,6 +6,7 @@
 #include <optional>
 #include <utility>
 
+#include "geometry/pose_step.h"
 #include "sequences/judgment.h"
 #include "sequences/walked_query.h"
 #include <Eigen/Cholesky>
@@ -22,7 +23,7 @@ namespace {
 constexpr size_t kReferences = 10;
 constexpr int kMostRounds = 10;
 
-double PositionSigma(const Eigen::Matrix<double, 6, 6>& covariance) {
+double PositionSigma(const Matrix6d& covariance) {
   return std::sqrt(covariance.bottomRightCorner<3, 3>().trace());
 }
 
@@ -42,7 +43,11 @@ class Rematching {
       if (better.frames.empty()) return;
       smoothed_ = std::move(better);
     }
-    if (TakeBack()) smoothed_ = SmoothWalk(evidence_, options_.scale);
+    while (TakeBack()) {
+      SmoothedWalk rest = SmoothWalk(evidence_, options_.scale);
+      if (rest.frames.empty()) return;
+      smoothed_ = std::move(rest);
+    }
   }
 
   // Returns what the scene's files said; empty where nothing was wrong.
@@ -52,16 +57,21 @@ class Rematching {
   // Returns whether a pose was found.
   bool AskAll() {
     std::vector<size_t> asked;
+    std::vector<std::vector<size_t>> references;
     for (size_t i = 0; i < evidence_.size(); ++i) {
-      if (!evidence_[i].rematched && IsWorthAsking(i)) asked.push_back(i);
+      if (evidence_[i].rematched || !IsWorthAsking(i)) continue;
+      std::vector<size_t> seeing_alike = inputs_.distances.SeeingAlike(
+          PhotographOf(i).camera, smoothed_.frames[i].predicted->cam_from_world, kReferences);
+      if (seeing_alike.empty()) continue;
+      asked.push_back(i);
+      references.push_back(std::move(seeing_alike));
     }
-    if (asked.empty()) return false;
-    if (!localize_again_) localize_again_ = options_.open_localizer();
+    if (asked.empty() || !Open()) return false;
     std::vector<std::optional<SinglePose>> found(asked.size());
     std::vector<std::string> errors(asked.size());
     ParallelFor(asked.size(), options_.threads, [&](size_t k) {
       try {
-        found[k] = Ask(asked[k]);
+        found[k] = Ask(asked[k], references[k]);
       } catch (const InputError& error) {
         errors[k] = error.what();
       }
@@ -79,13 +89,27 @@ class Rematching {
     return is_any_found;
   }
 
+  bool Open() {
+    if (localize_again_) return true;
+    try {
+      localize_again_ = options_.open_localizer();
+    } catch (const InputError& error) {
+      error_ = error.what();
+    }
+    return localize_again_ != nullptr;
+  }
+
+  const Query& PhotographOf(size_t i) const {
+    return inputs_.photographs[inputs_.walk.frames[i].query];
+  }
+
   // Returns whether the walk, which is more likely right than wrong, predicts a photograph that is
   // not sure by itself, and more closely than when it was asked before. A focal length that is to
   // be found, and a position that is known besides, are the photograph's own matter.
   bool IsWorthAsking(size_t i) {
     const SmoothedFrame& frame = smoothed_.frames[i];
     const size_t query = inputs_.walk.frames[i].query;
-    const PosePriors& priors = inputs_.photographs[query].priors;
+    const PosePriors& priors = PhotographOf(i).priors;
     if (frame.confidence < 0.5 || !frame.predicted || priors.focal_range > 1 || priors.position ||
         inputs_.queries[query].verdict() == PoseVerdict::kLocalized) {
       return false;
@@ -98,14 +122,10 @@ class Rematching {
   }
 
   // Returns what the photograph's matches say, if it is more likely right than wrong.
-  std::optional<SinglePose> Ask(size_t i) const {
+  std::optional<SinglePose> Ask(size_t i, std::span<const size_t> references) const {
     const FramePrediction& predicted = *smoothed_.frames[i].predicted;
-    const Query& photograph = inputs_.photographs[inputs_.walk.frames[i].query];
-    const std::vector<size_t> references =
-        inputs_.distances.SeeingAlike(photograph.camera, predicted.cam_from_world, kReferences);
-    if (references.empty()) return std::nullopt;
-    LocalizedQuery again =
-        localize_again_(photograph, references, predicted.cam_from_world, predicted.covariance);
+    LocalizedQuery again = localize_again_(PhotographOf(i), references, predicted.cam_from_world,
+                                           predicted.covariance);
     const std::vector<SinglePose> singles = SinglePosesOf(again);
     if (singles.empty() || singles.front().confidence < 0.5) return std::nullopt;
     return singles.front();
@@ -117,9 +137,9 @@ class Rematching {
     constexpr double kWithin = 22.5;
     const FramePrediction& predicted = *smoothed_.frames[i].predicted;
     const auto off = StepBetween(predicted.cam_from_world, found.cam_from_world);
-    const Eigen::Matrix<double, 6, 6> covariance =
-        predicted.covariance +
-        smoothed_.single_sigma_factor * smoothed_.single_sigma_factor * found.covariance;
+    const Matrix6d covariance = predicted.covariance + smoothed_.single_sigma_factor *
+                                                           smoothed_.single_sigma_factor *
+                                                           found.covariance;
     return off.dot(covariance.ldlt().solve(off)) < kWithin;
   }
 

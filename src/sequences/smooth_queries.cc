@@ -80,6 +80,18 @@ void ForgetInliers(PoseEstimate& estimate) {
 // Returns whether the walk agrees with the photograph's own pose, not with an alternative of it.
 bool AgreesWithOwn(const SmoothedFrame& frame) { return Agrees(frame) && frame.single == 0; }
 
+// Returns the probability that a position is right, and the direction as well: a turn moves the
+// picture as a shift by that share of the distance does. The distance is 0 where it is not known.
+double ProbabilityOfPlace(const Matrix6d& covariance, double distance) {
+  const double position = std::sqrt(covariance.bottomRightCorner<3, 3>().trace());
+  const double turn = std::sqrt(covariance.topLeftCorner<3, 3>().trace());
+  return std::min(ProbabilityOfPosition(distance > 0 ? position : 0, distance),
+                  ProbabilityOfPosition(turn, 1));
+}
+
+// Returns the probability that the walk, and not the photograph by itself, has the frame's pose.
+double ConfidenceOf(const SmoothedFrame& frame) { return frame.confidence * frame.against_own; }
+
 // Returns the estimate of the walk's pose of a photograph, with how sure it is.
 PoseEstimate EstimateOf(const SmoothedFrame& frame, const Query& photograph,
                         const SceneDistances& distances, const LocalizedQuery& single) {
@@ -93,14 +105,17 @@ PoseEstimate EstimateOf(const SmoothedFrame& frame, const Query& photograph,
   estimate.cam_from_world = frame.cam_from_world;
   SetCovariance(frame.covariance, estimate);
   const double distance = distances.At(photograph.camera, frame.cam_from_world).value_or(0);
-  // A turn moves the picture as a shift by that share of the distance does.
-  const double turn = std::sqrt(frame.covariance.topLeftCorner<3, 3>().trace());
-  double of_position =
-      std::min(ProbabilityOfPosition(distance > 0 ? estimate.position_sigma : 0, distance),
-               ProbabilityOfPosition(turn, 1));
+  double of_position = ProbabilityOfPlace(frame.covariance, distance);
+  // What was found where it is predicted may be wrong, and then leaves the prediction; a pose of its
+  // own that agrees tells as well that it is right.
+  if (IsRematched(frame) && !Agrees(frame)) {
+    const double without =
+        frame.predicted ? ProbabilityOfPlace(frame.predicted->covariance, distance) : 0;
+    of_position = std::min(of_position, std::max(frame.rematched_agrees, without));
+  }
   // The walk does not make less sure what the photograph's own matches tell.
   if (AgreesWithOwn(frame)) of_position = std::max(of_position, single.confidence());
-  Conclude(frame.confidence, of_position, estimate);
+  Conclude(ConfidenceOf(frame), of_position, estimate);
   return estimate;
 }
 
@@ -312,21 +327,21 @@ void TakeFromWalk(const SmoothedFrame& frame, const Query& photograph,
     query.single_cam_from_world = localized.estimate.cam_from_world;
     query.single_confidence = localized.confidence();
   }
-  if (!agrees && had_pose && frame.confidence < 0.5) {
-    // One of two poses at most is right. A pose without a covariance contradicts nothing.
-    if (SinglePosesOf(localized).empty()) return;
-    query.role = WalkRole::kDisputed;
-    Conclude(std::min(localized.confidence(), 1 - frame.confidence), 1, localized.estimate);
-    localized.reason = ReasonNotLocalized(localized.estimate, min_confidence);
-    return;
-  }
   if (frame.confidence <= kLeastConfidence) {
     query.role = WalkRole::kDropped;
     localized.reason = "its pose contradicts those of its walk";
     return;
   }
+  if (!agrees && had_pose && ConfidenceOf(frame) < 0.5) {
+    // One of two poses at most is right. A pose without a covariance contradicts nothing.
+    if (SinglePosesOf(localized).empty()) return;
+    query.role = WalkRole::kDisputed;
+    Conclude(std::min(localized.confidence(), 1 - ConfidenceOf(frame)), 1, localized.estimate);
+    localized.reason = ReasonNotLocalized(localized.estimate, min_confidence);
+    return;
+  }
   PoseEstimate estimate = EstimateOf(frame, photograph, distances, localized);
-  if (!agrees && (frame.confidence < 0.5 || estimate.confidence <= kLeastConfidence)) return;
+  if (!agrees && estimate.confidence <= kLeastConfidence) return;
   query.role =
       !had_pose ? WalkRole::kRescued : (agrees ? WalkRole::kSmoothed : WalkRole::kReplaced);
   query.rematched = IsRematched(frame);

@@ -386,7 +386,10 @@ class WalkGraph {
       const auto used = terms_.TermAt(i, poses_[i]);
       frame.predicted = Without(used, frame);
       if (frames_[i].rematched) {
-        frame.rematched_agrees = used->value.shares[0] + used->value.shares[1];
+        // The mixture's share is that at its mode.
+        frame.rematched_agrees =
+            std::min(used->value.shares[0] + used->value.shares[1],
+                     UsedConfidences({&frames_[i].rematched->pose, 1}).front());
       }
       if (frames_[i].singles.empty()) continue;
       const WalkTerms::SingleTerm term = terms_.SingleAt(i, poses_[i]);

@@ -88,7 +88,10 @@ TrackedPose Track(const WalkedPhotograph& photograph, const SceneDistances& dist
   if (!tracked.query.localized.localized() || !walk.scale_is_observable) return tracked;
   Rigid3 scaled = cam_from_odometry;
   scaled.translation *= walk.scale;
-  tracked.world_from_odometry = tracked.query.localized.estimate.cam_from_world->Inverse() * scaled;
+  const Rigid3& pose = tracked.query.role == WalkRole::kDisputed
+                           ? walk.frames.back().cam_from_world
+                           : *tracked.query.localized.estimate.cam_from_world;
+  tracked.world_from_odometry = pose.Inverse() * scaled;
   return tracked;
 }
 

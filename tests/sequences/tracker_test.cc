@@ -152,6 +152,26 @@ TEST(SmoothQueries, AWalkThatKnowsNoDirectionIsNoSurePose) {
   EXPECT_LT(confidence(0.3), 0.4);
 }
 
+// A walk that was found again at a place that is right with .6 is no surer there than that, or than
+// by what it was predicted.
+TEST(SmoothQueries, WhatWasFoundAgainIsNoSurerThanItIs) {
+  const Inputs inputs = InputsOf({.truth = {}, .frames = {{.cam_from_odometry = {}}}});
+  const auto confidence = [&](double predicted_sigma) {
+    SmoothedFrame frame;
+    frame.confidence = 1;
+    frame.covariance = 1e-8 * Matrix6d::Identity();
+    frame.rematched_agrees = 0.6;
+    frame.predicted = FramePrediction{Rigid3(), 1e-8 * Matrix6d::Identity()};
+    frame.predicted->covariance.diagonal().head<3>().setConstant(predicted_sigma * predicted_sigma);
+    WalkedQuery rescued{inputs.alone[0]};
+    TakeFromWalk(frame, inputs.photographs[0], SceneDistances(Scene()), 0, rescued);
+    EXPECT_TRUE(rescued.rematched);
+    return rescued.localized.confidence();
+  };
+  EXPECT_LE(confidence(0.1), 0.6);
+  EXPECT_LE(confidence(1e-4), 0.6);  // how far away the scene is, is not known
+}
+
 TEST(WriteWalk, CovariancesAreTheirUpperTriangleByRows) {
   Rng rng = TestRng();
   const MadeWalk made = MakeWalk(rng, {.frames = 20});

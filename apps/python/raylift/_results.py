@@ -441,6 +441,7 @@ class Walked(TypedDict):
     role: str
     time_s: Optional[float]
     lost_before: bool
+    rematched: bool
     single_confidence: float
     single_cam_from_world: Optional[WrittenPose]
 

@@ -9,17 +9,17 @@
 // Beyond the format's own members, the query's "heading_prior", "orientation_prior" and
 // "range_prior" (of PosePriors), "focal_sigma" (of its focal length, as a share of it),
 // "reference_sigmas" (how far the references err as wholes: "factor", "rotation_deg" and
-// "position", each of them if known), "search_area_px2" (of PoseProblem), "reference_clusters" (the covisibility cluster of each
-// reference), "matches_2d3d_reference" (an index or null per 2D-3D match), "matches_2d3d_sigma",
-// "matches_2d3d_log_depth_sigma" and "matches_2d2d_sigma_px" (a number or null per match: of the
-// point, of its distance's logarithm, of the reference pixel) keep what the format has no place
-// for, and so does "extra", whose members hold an integer or null per match: "keypoint" (of a
-// 2D-2D match: which keypoint of the query it is of), "keypoint_2d3d" (the same of a 2D-3D
-// match; where it is missing, "keypoint" is of the 2D-3D matches as well if there are as many),
-// "reference_keypoint" (of a 2D-2D match) and "match_2d2d" (the 2D-2D match that a 2D-3D match
-// was lifted from). Readers that do not know them lose nothing else. In a file without indices
-// of keypoints equal pixels are one keypoint, see keypoints.h; all matches that are read have
-// one.
+// "position", each of them if known), "search_area_px2" (of PoseProblem), "reference_clusters" (the
+// covisibility cluster of each reference), "matches_2d3d_reference" (an index or null per 2D-3D
+// match), "matches_2d3d_sigma", "matches_2d3d_log_depth_sigma" and "matches_2d2d_sigma_px" (a
+// number or null per match: of the point, of its distance's logarithm, of the reference pixel) keep
+// what the format has no place for, and so does "extra", whose members hold an integer or null per
+// match: "keypoint" (of a 2D-2D match: which keypoint of the query it is of), "keypoint_2d3d" (the
+// same of a 2D-3D match; where it is missing, "keypoint" is of the 2D-3D matches as well if there
+// are as many), "reference_keypoint" (of a 2D-2D match) and "match_2d2d" (the 2D-2D match that a
+// 2D-3D match was lifted from). Readers that do not know them lose nothing else. In a file without
+// indices of keypoints equal pixels are one keypoint, see keypoints.h; all matches that are read
+// have one.
 
 #pragma once
 

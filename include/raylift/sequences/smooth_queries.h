@@ -56,7 +56,7 @@ inline constexpr auto kEnumNames<WalkRole> = std::to_array<EnumName<WalkRole>>({
     {WalkRole::kReplaced, "replaced", "its pose contradicts the walk, whose pose it has now"},
     {WalkRole::kRescued, "rescued", "it had no pose and has the walk's"},
     {WalkRole::kDisputed, "disputed",
-     "its pose contradicts the walk, which is no surer: it is less sure for that"},
+     "its pose contradicts the walk, of which one of both is wrong: neither is sure"},
     {WalkRole::kDropped, "dropped", "its pose contradicts the walk, which has no sure one either"},
 });
 
@@ -98,8 +98,8 @@ struct SmoothingOptions {
   double min_confidence = 0;  // LocalizerOptions::min_confidence
   bool online = false;        // each frame by those before it alone, as Tracker has it
   // Photographs that are not sure by themselves are localized again where the rest of the walk
-  // predicts them, if this is given and `online` is not set. It is called once, where there are
-  // some.
+  // predicts them, if this is given and `online` is not set; Tracker does not. It is called once
+  // for each walk that has some.
   std::function<LocalizeAgain()> open_localizer = nullptr;
   int threads = 0;  // <= 0: all; never changes the result
 };

@@ -44,8 +44,8 @@ struct StepLength {
   double turn_deg = 0;
 };
 
-// The pose that a frame's matches tell near where the rest of the walk predicts it, and what a wrong
-// one may be off by, the covariance of that prediction.
+// The pose that a frame's matches tell near where the rest of the walk predicts it, and what a
+// wrong one may be off by, the covariance of that prediction.
 struct RematchedPose {
   SinglePose pose;
   Eigen::Matrix<double, 6, 6> predicted_covariance;
@@ -86,6 +86,9 @@ struct SmoothedFrame {
   double single_agrees = 0;
   size_t single = 0;
   double rematched_agrees = 0;  // the probability that `rematched` is right, 0 without one
+  // Where no pose of its own agrees: the probability that these are wrong, not the odometry's pose
+  // of this frame alone, as where it is of another time; 1 else.
+  double against_own = 1;
   std::optional<FramePrediction> predicted = std::nullopt;  // nullopt where it tells nothing
   bool lost_before = false;  // between the frame before and this one the odometry was lost
 };

@@ -38,9 +38,9 @@ class WalkFilter {
 
 struct TrackedPose {
   WalkedQuery query;  // with the photograph's own result
-  // The odometry's frame in the world (its translations times the scale); nullopt where the
-  // photograph has no pose, as the walk is lost or has not been found in the map yet, and while an
-  // unknown scale is not observable.
+  // The odometry's frame in the world (its translations times the scale), by the walk; nullopt
+  // where the photograph has no pose, as the walk is lost or has not been found in the map yet, and
+  // while an unknown scale is not observable.
   std::optional<Rigid3> world_from_odometry = std::nullopt;
   double scale = 1;
 };
