@@ -56,7 +56,7 @@ inline constexpr auto kEnumNames<WalkRole> = std::to_array<EnumName<WalkRole>>({
     {WalkRole::kReplaced, "replaced", "its pose contradicts the walk, whose pose it has now"},
     {WalkRole::kRescued, "rescued", "it had no pose and has the walk's"},
     {WalkRole::kDisputed, "disputed",
-     "its pose contradicts the walk, of which one of both is wrong: neither is sure"},
+     "its pose contradicts the walk: one of the two is wrong, so it is not sure"},
     {WalkRole::kDropped, "dropped", "its pose contradicts the walk, which has no sure one either"},
 });
 
